@@ -1,0 +1,196 @@
+"""Reading what people write and writing what programs read: YAML with teaching errors, whole files, JSON without NaN."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import math
+import os
+import re
+import tempfile
+from pathlib import Path
+from typing import Any, TypeVar
+
+import numpy as np
+import yaml
+from pydantic import BaseModel, ConfigDict, ValidationError
+
+from drake_stiffness.errors import InputError
+
+
+class Document(BaseModel):
+    """Base of everything users write in YAML: unknown keys are errors, values are not changed afterwards."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+
+
+D = TypeVar("D", bound=Document)
+
+
+class _Loader(yaml.SafeLoader):
+    """SafeLoader that reads `2.5e6` as a number (YAML 1.1 does not) and refuses a key written twice."""
+
+    def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
+        seen: set[str] = set()
+        for key_node, _ in node.value:
+            if key_node.value in seen:
+                mark = key_node.start_mark
+                raise InputError(
+                    f"{mark.name}, line {mark.line + 1}: the key '{key_node.value}' is written twice; keep one of them."
+                )
+            seen.add(key_node.value)
+        return super().construct_mapping(node, deep=deep)
+
+
+_Loader.add_implicit_resolver(
+    "tag:yaml.org,2002:float",
+    re.compile(r"^[-+]?(\d[\d_]*\.?[\d_]*|\.\d[\d_]*)([eE][-+]?\d+)?$|^[-+]?\.(inf|Inf|INF)$|^\.(nan|NaN|NAN)$"),
+    list("-+0123456789."),
+)
+
+
+def read_bytes(path: Path, what: str) -> bytes:
+    """The bytes of a file that must exist and not be empty.
+
+    Raises
+    ------
+    InputError
+        If there is no such file, it cannot be read, or it holds nothing.
+    """
+    try:
+        data = path.read_bytes()
+    except FileNotFoundError:
+        raise InputError(f"{path}: no such file; expected {what}. Check the path.") from None
+    except IsADirectoryError:
+        raise InputError(f"{path}: this is a folder; expected {what}.") from None
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read ({error.strerror}); expected {what}.") from None
+    if not data.strip(b"\x00 \t\r\n"):
+        raise InputError(f"{path}: the file is empty; expected {what}.")
+    return data
+
+
+def read_yaml(path: Path, document: type[D], what: str) -> D:
+    """A YAML file as a validated document.
+
+    Raises
+    ------
+    InputError
+        If the file is missing, empty, not YAML, or does not fit; the message names file, key path, value and remedy.
+    """
+    data = read_bytes(path, what)
+    try:
+        text = data.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        raise InputError(f"{path}: byte {error.start} is not UTF-8; save the file as UTF-8 text.") from None
+    loader = _Loader(text)
+    loader.name = str(path)
+    try:
+        content = loader.get_single_data()
+    except yaml.YAMLError as error:
+        mark = getattr(error, "problem_mark", None)
+        place = f", line {mark.line + 1}, column {mark.column + 1}" if mark else ""
+        problem = getattr(error, "problem", None) or str(error)
+        raise InputError(f"{path}{place}: not valid YAML ({problem}); expected {what}.") from None
+    finally:
+        loader.dispose()
+    if not isinstance(content, dict):
+        raise InputError(f"{path}: found {_short(content)}; expected {what}, that is keys with values.")
+    try:
+        return document.model_validate(content, context={"folder": path.parent})
+    except ValidationError as error:
+        raise InputError(_teach(path, error, document)) from None
+
+
+def _teach(path: Path, error: ValidationError, document: type[Document]) -> str:
+    """All of pydantic's findings, a line each: key path, value found, what was expected."""
+    lines = []
+    for finding in error.errors():
+        keys = ".".join(str(part) for part in finding["loc"]) or "(top level)"
+        if finding["type"] == "extra_forbidden":
+            known = _known_keys(document, finding["loc"][:-1])
+            near = _nearest(str(finding["loc"][-1]), known)
+            hint = f" Did you mean '{near}'?" if near else ""
+            lines.append(
+                f"{path}: {keys}: unknown key (value {_short(finding['input'])}).{hint} Known keys: {', '.join(known)}."
+            )
+        elif finding["type"] == "missing":
+            lines.append(f"{path}: {keys}: missing; it must be given.")
+        else:
+            message = finding["msg"].removeprefix("Value error, ")
+            lines.append(f"{path}: {keys}: found {_short(finding['input'])}; {message[0].lower() + message[1:]}.")
+    return "\n".join(lines)
+
+
+def _known_keys(document: type[Document], location: tuple[int | str, ...]) -> list[str]:
+    """The keys a document knows at a place, for the hint of an error."""
+    here: Any = document
+    for part in location:
+        field = getattr(here, "model_fields", {}).get(part)
+        if field is None:
+            return []
+        candidates = [field.annotation, *getattr(field.annotation, "__args__", ())]
+        here = next((c for c in candidates if isinstance(c, type) and issubclass(c, Document)), None)
+    return [field.alias or name for name, field in getattr(here, "model_fields", {}).items()]
+
+
+def _nearest(word: str, known: list[str]) -> str | None:
+    """The known word most like this one, a wrong unit suffix included (`mass_g` for `mass_kg`)."""
+    import difflib
+
+    found = difflib.get_close_matches(word, known, n=1, cutoff=0.6)
+    return found[0] if found else None
+
+
+def _short(value: object) -> str:
+    text = repr(value)
+    return text if len(text) <= 60 else text[:57] + "..."
+
+
+def write_whole(path: Path, data: bytes | str) -> None:
+    """Write a file so that it appears whole or not at all (a temporary file beside it, then a rename).
+
+    Raises
+    ------
+    InputError
+        If the folder does not exist or cannot be written.
+    """
+    payload = data.encode() if isinstance(data, str) else data
+    name = None
+    try:
+        with tempfile.NamedTemporaryFile(dir=path.parent, prefix=f".{path.name}.", delete=False) as stream:
+            name = stream.name
+            stream.write(payload)
+        # NamedTemporaryFile makes files private; an output has the permissions any new file would have.
+        umask = os.umask(0)
+        os.umask(umask)
+        os.chmod(name, 0o666 & ~umask)
+        os.replace(name, path)
+    except OSError as error:
+        if name is not None and os.path.exists(name):
+            os.unlink(name)
+        raise InputError(f"{path}: cannot be written ({error.strerror}); check that the folder exists.") from None
+
+
+def json_text(content: object) -> str:
+    """JSON of nested dicts, lists, arrays and numbers; NaN and infinities become null."""
+    return json.dumps(_plain(content), indent=1, ensure_ascii=False, allow_nan=False) + "\n"
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {str(key): _plain(entry) for key, entry in value.items()}
+    if isinstance(value, np.ndarray):
+        return _plain(value.tolist())
+    if isinstance(value, list | tuple):
+        return [_plain(entry) for entry in value]
+    if isinstance(value, np.generic):
+        return _plain(value.item())
+    if isinstance(value, float):
+        return value if math.isfinite(value) else None
+    return value
+
+
+def sha256(path: Path) -> str:
+    """SHA-256 of a file, for the provenance of a result."""
+    return hashlib.sha256(path.read_bytes()).hexdigest()

@@ -1,0 +1,342 @@
+"""Identification: weighted least squares (seed eqs. 11-14) and the semidefinite program, around the loaded equilibrium.
+
+Both work on the compressed system. A = Q R once; R has as many rows as unknowns, so what the solver sees does not grow with
+the number of readings. The directions that A does not see are split off first (null space, exact in the linear theory); the
+rest is solved, and the outer iteration repeats with residuals of the loaded equilibrium until the parameters stand.
+
+The semidefinite program is
+
+    minimise  || u ||^2   subject to   every compliance matrix in x = x_ls + V u / w + N y  being >= 0
+
+in units of the parameters' scales: V the seen directions, w their weights, N the unseen directions. Where its solution is not unique, the one of least norm is taken by a second program over
+the unseen directions alone, so what the data determine is not touched by it.
+"""
+
+from __future__ import annotations
+
+import logging
+import warnings
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drake_stiffness.effects.compliance import Spring
+from drake_stiffness.errors import InputError, UntrustworthyError
+from drake_stiffness.identifiability import Identifiability, analyse, relinearised
+from drake_stiffness.model import Model
+from drake_stiffness.observation import Observations, columns, has_finite_differences, measured, predicted
+from drake_stiffness.rotations import Array
+
+log = logging.getLogger("drake_stiffness")
+
+Method = Literal["sdp", "least-squares"]
+
+_MAX_OUTER = 30
+# The parameters stand when the fitted readings move by less than this, in units of noise over all readings together.
+_STANDS = 1e-6
+# Prior of the linearisation point of least squares: this many typical compliances (see `_regularised`).
+_LOOSE = 30.0
+# Directions along which the noise allows more than this many typical compliances are left at minimum norm.
+_HIDDEN = 100.0
+
+
+@dataclass(frozen=True, eq=False)
+class Solution:
+    """What an identification found.
+
+    Attributes
+    ----------
+    model : Model
+        With values; statistics are added by `statistics`.
+    identifiability : Identifiability
+        Rank, seen and unseen directions.
+    A : (rows, n)
+        Whitened observation matrix per unit scale at the solution.
+    residual : (rows,)
+        (measured - predicted) / sigma at the loaded equilibrium.
+    iterations : int
+    solver : str
+    active : tuple of names
+        Effects whose positive-semidefinite constraint is active.
+    """
+
+    model: Model
+    identifiability: Identifiability
+    A: Array
+    residual: Array
+    iterations: int
+    solver: str
+    active: tuple[str, ...]
+
+
+def identify(
+    model: Model, o: Observations, method: Method = "sdp", progress: Callable[[str], None] = lambda text: None
+) -> Solution:
+    """Fit a model's parameters to observations.
+
+    Parameters
+    ----------
+    model : Model
+        With start values (`start.starting_model` finds a tracker frame if one is wanted).
+    method : 'sdp' or 'least-squares'
+
+    Raises
+    ------
+    InputError
+        If `sdp` is asked of a `full` template, which has no cone.
+    UntrustworthyError
+        If the outer iteration does not come to rest.
+    """
+    if method == "sdp":
+        _refuse_full(model)
+    y = measured(o)
+    springs = _spring_parameters(model)
+    constant = not has_finite_differences(model)
+    A, view, program = np.empty((0, 0)), None, None
+    size = np.inf
+    for iteration in range(1, _MAX_OUTER + 1):
+        if view is None or program is None or not constant:
+            progress(f"iteration {iteration}: observation matrix of {o.rows} rows, {model.x.size} unknowns")
+            A = columns(o, model)
+            view = analyse(A, coarse=not constant) if view is None else relinearised(view, A)
+            program = _Program(model, view)
+        residual = y - predicted(o, model)
+        x = model.x / model.scales
+        # Where the data leave something open: springs of least norm, and for frames and geometry the least step (their zero
+        # has no meaning, and jumping along what the data do not see would undo the linearisation).
+        program.anchor = np.where(springs, 0.0, x)
+        z = view.seen.T @ x + view.pseudo_inverse_seen(A, residual)
+        new = program.solve(z) if method == "sdp" else program.regularised(z)
+        moved = view.weight * (view.seen.T @ (new - x))
+        before, size = size, float(np.linalg.norm(moved))
+        progress(f"iteration {iteration}: parameters move by {size:.3g} sigma")
+        model = model.with_x(new * model.scales)
+        if size < _STANDS or (size < 1e-3 and size > 0.5 * before):
+            break
+    else:
+        raise UntrustworthyError(
+            f"the parameters do not come to rest in {_MAX_OUTER} iterations (last step {size:.3g} sigma of all readings "
+            "together); the start may be far off, or a tracker frame, unit or sign is wrong."
+        )
+    residual = y - predicted(o, model)
+    active: tuple[str, ...] = ()
+    if method == "sdp":
+        active = program.active(model.x / model.scales)
+    else:
+        z = view.seen.T @ (model.x / model.scales) + view.pseudo_inverse_seen(A, residual)
+        model = model.with_x(program.least_squares(z) * model.scales)
+        residual = residual - A @ (model.x / model.scales - new)
+    solver = program.solver if method == "sdp" else "QR"
+    return Solution(model, view, A, residual, iteration, solver, active)
+
+
+def _refuse_full(model: Model) -> None:
+    for effect in model.effects:
+        if getattr(effect, "template_name", None) == "full":
+            raise InputError(
+                f"link '{effect.where}' has the template 'full' (36 independent entries): a matrix that need not be symmetric has no "
+                "positive-semidefinite cone, so method sdp cannot be used. Take template: symmetric, or --method least-squares."
+            )
+
+
+def _spring_parameters(model: Model) -> NDArray[np.bool_]:
+    """(n,) which parameters are compliances of linear springs."""
+    return np.array([isinstance(e, Spring) for e in model.effects for _ in e.parameters], dtype=bool)
+
+
+class _Program:
+    """The solvers of one linearisation; the cvxpy problem is compiled once and solved again for every right-hand side."""
+
+    def __init__(self, model: Model, view: Identifiability) -> None:
+        self.model, self.view = model, view
+        self.anchor = np.zeros(model.x.size)
+        self.solver = "closed form (no constraint active)"
+        self._fit: Any = None
+
+    def least_squares(self, z: Array) -> Array:
+        """Minimum-norm least squares (seed eq. 12); directions hidden by the noise stay at minimum norm as well."""
+        kept = self.view.weight > 1.0 / _HIDDEN
+        return self.anchor + self.view.seen @ np.where(kept, z - self.view.seen.T @ self.anchor, 0.0)
+
+    def regularised(self, z: Array) -> Array:
+        """A point to linearise at that weak directions cannot carry away.
+
+        Least squares may put any value, of any sign, on what the data hardly see; the loaded equilibrium of such springs
+        need not exist. A prior of many typical compliances per direction leaves all that is known untouched.
+        """
+        weight = self.view.weight
+        shrink = weight**2 / (weight**2 + self._prior_precision())
+        return self.anchor + self.view.seen @ (shrink * (z - self.view.seen.T @ self.anchor))
+
+    def _prior_precision(self) -> Array:
+        """1 / _LOOSE^2 on directions made of springs, nothing on the rest (frames and geometry have no natural zero)."""
+        share = (self.view.seen[_spring_parameters(self.model)] ** 2).sum(axis=0)
+        return share / _LOOSE**2
+
+    def solve(self, z: Array) -> Array:
+        """The semidefinite program, then the least-norm completion."""
+        x = self.anchor + self.view.seen @ (z - self.view.seen.T @ self.anchor)
+        if not self._constrained() or self._violation(x) <= 0.0:
+            return x
+        step, choice = self._solve_fit(x)
+        if np.linalg.norm(step) < 1e-7:
+            # The cone does not bind what the data see, and Clarabel stops within its tolerance: that part is known exactly.
+            step = np.zeros_like(step)
+        return self._project(self._complete(x + (self.view.seen / self.view.weight) @ step, choice))
+
+    def _constrained(self) -> bool:
+        return any(effect.cone_blocks for effect in self.model.effects) or self._bounds()[0].size > 0
+
+    def _bounds(self) -> tuple[NDArray[np.int_], Array]:
+        """Lower bounds of parameters outside any cone, in units of scale."""
+        inside = {i for block in self._blocks() for i in block.ravel() if i >= 0}
+        lower = [
+            (i, p.lower / p.scale)
+            for i, p in enumerate(self.model.parameters)
+            if np.isfinite(p.lower) and i not in inside
+        ]
+        return np.array([i for i, _ in lower], dtype=int), np.array([v for _, v in lower])
+
+    def _blocks(self) -> list[NDArray[np.int_]]:
+        """Every cone as a square array of parameter numbers, -1 for a zero."""
+        return [
+            np.where(block >= 0, block + own.start, -1)
+            for effect, own in zip(self.model.effects, self.model.slices, strict=True)
+            for block in effect.cone_blocks
+        ]
+
+    def _matrix(self, block: NDArray[np.int_], x: Array) -> Array:
+        """A cone's matrix in scaled units: congruence with the component scales keeps definiteness."""
+        return np.where(block >= 0, x[np.maximum(block, 0)], 0.0)
+
+    def _violation(self, x: Array) -> float:
+        """How far the most negative eigenvalue is below zero, in scaled units."""
+        worst = max((-float(np.linalg.eigvalsh(self._matrix(b, x))[0]) for b in self._blocks()), default=-np.inf)
+        index, lower = self._bounds()
+        return max(worst, float((lower - x[index]).max(initial=-np.inf)))
+
+    def active(self, x: Array) -> tuple[str, ...]:
+        """Effects whose smallest eigenvalue is zero to solver accuracy, among blocks that the data see."""
+        found = []
+        for effect, own in zip(self.model.effects, self.model.slices, strict=True):
+            for own_block in effect.cone_blocks:
+                block = np.where(own_block >= 0, own_block + own.start, -1)
+                if self.view.zero[block[block >= 0]].all():
+                    continue
+                values = np.linalg.eigvalsh(self._matrix(block, x))
+                if values[0] <= 1e-7 * max(1.0, values[-1]):
+                    found.append(effect.where)
+                    break
+        return tuple(found)
+
+    def _project(self, x: Array) -> Array:
+        """Remove the last negative rounding (below solver tolerance) by clipping eigenvalues block by block."""
+        x = x.copy()
+        for block in self._blocks():
+            values, vectors = np.linalg.eigh(self._matrix(block, x))
+            if values[0] >= 0:
+                continue
+            clipped = vectors @ np.diag(np.maximum(values, 0.0)) @ vectors.T
+            x[block[block >= 0]] = clipped[block >= 0]
+        index, lower = self._bounds()
+        x[index] = np.maximum(x[index], lower)
+        return x
+
+    def _constraints(self, x: Any) -> list[Any]:
+        import cvxpy as cp
+
+        constraints = []
+        for block in self._blocks():
+            size = block.shape[0]
+            if size == 1:
+                constraints.append(x[int(block[0, 0])] >= 0)
+                continue
+            pick = np.zeros((size * size, self.model.x.size))
+            for row, number in enumerate(block.ravel()):
+                if number >= 0:
+                    pick[row, number] = 1.0
+            constraints.append(cp.reshape(pick @ x, (size, size), order="C") >> 0)
+        index, lower = self._bounds()
+        if index.size:
+            constraints.append(x[index] >= lower)
+        return constraints
+
+    @property
+    def _free(self) -> Array:
+        """Unseen directions that springs take part in, (n, f); others cannot touch a cone."""
+        part = self.view.unseen[_spring_parameters(self.model)]
+        if not part.size:
+            return np.zeros((self.model.x.size, 0))
+        _, size, Wt = np.linalg.svd(part, full_matrices=False)
+        return self.view.unseen @ Wt[size > 1e-8].T
+
+    def _solve_fit(self, x0: Array) -> tuple[Array, Array]:
+        """By how much the seen combinations must leave their least-squares values, in units of their noise.
+
+        With x = x0 + V u / w + N y, w the weights and N the unseen directions, the fit term is || u ||^2 whatever the units and
+        the conditioning of the data; frames and geometry drop out, because no cone holds them.
+        """
+        import cvxpy as cp
+
+        view, free = self.view, self._free
+        if self._fit is None:
+            u, y, base = cp.Variable(view.rank), cp.Variable(free.shape[1]), cp.Parameter(x0.size)
+            x = base + (view.seen / view.weight) @ u + (free @ y if free.shape[1] else 0)
+            self._fit = (cp.Problem(cp.Minimize(cp.sum_squares(u)), self._constraints(x)), u, y, base)
+        problem, u, y, base = self._fit
+        # Unseen geometry is not at home in this program: only the compliances of x0 enter.
+        base.value = np.where(_spring_parameters(self.model), x0, 0.0)
+        _run(problem, "fit")
+        self.solver = f"CLARABEL through cvxpy ({problem.solver_stats.num_iters} iterations)"
+        return np.asarray(u.value), np.asarray(y.value) if free.shape[1] else np.zeros(0)
+
+    def _complete(self, x0: Array, choice: Array) -> Array:
+        """The springs of least norm among all that the data cannot tell from x0 and the cone allows."""
+        import cvxpy as cp
+
+        free = self._free
+        if not free.shape[1]:
+            return x0
+        springs = _spring_parameters(self.model)
+        # Cones do not change with the unit, so all is done in units of the largest compliance.
+        size = max(float(np.abs(x0[springs]).max()), 1e-12)
+        y = cp.Variable(free.shape[1])
+        x = np.where(springs, x0, 0.0) / size + free @ y
+        problem = cp.Problem(cp.Minimize(cp.sum_squares(x[np.flatnonzero(springs)])), self._constraints(x))
+        try:
+            _run(problem, "completion")
+        except UntrustworthyError:
+            log.info("the least-norm completion did not solve; the solver's own choice among equal fits is kept")
+            return x0 + free @ choice
+        return x0 + free @ (np.asarray(y.value) * size)
+
+
+def _run(problem: Any, what: str) -> None:
+    import cvxpy as cp
+
+    try:
+        with warnings.catch_warnings():
+            # At these tolerances Clarabel sometimes ends a little short and cvxpy warns; the status is looked at below.
+            warnings.simplefilter("ignore", UserWarning)
+            # Drake brings an unlicensed MOSEK that cvxpy would pick: always name the solver.
+            problem.solve(solver=cp.CLARABEL, tol_gap_abs=1e-10, tol_gap_rel=1e-10, tol_feas=1e-10, max_iter=200)
+    except cp.error.SolverError as error:
+        raise UntrustworthyError(f"the semidefinite program ({what}) failed in Clarabel: {error}") from None
+    if problem.status not in (cp.OPTIMAL, cp.OPTIMAL_INACCURATE):
+        raise UntrustworthyError(
+            f"the semidefinite program ({what}) ended as '{problem.status}'; the data contradict every positive-semidefinite compliance."
+        )
+
+
+def smallest_eigenvalue(model: Model) -> float:
+    """Smallest eigenvalue over all springs, each scaled by its components' scales; >= 0 for positive semidefinite springs."""
+    worst = np.inf
+    for effect, own in zip(model.effects, model.slices, strict=True):
+        scaled = model.x[own] / model.scales[own]
+        for block in effect.cone_blocks:
+            matrix = np.where(block >= 0, scaled[np.maximum(block, 0)], 0.0)
+            worst = min(worst, float(np.linalg.eigvalsh(matrix)[0]))
+    return worst if np.isfinite(worst) else 0.0

@@ -1,0 +1,120 @@
+"""The jobs behind the commands, as functions of files: what `cli` calls and what scripts may call."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+import drake_stiffness
+from drake_stiffness.campaign import (
+    CampaignFile,
+    Measurements,
+    held_out_experiments,
+    read_campaign_file,
+    read_measurements,
+)
+from drake_stiffness.cell import read_cell
+from drake_stiffness.files import sha256
+from drake_stiffness.model import Model
+
+Progress = Callable[[str], None]
+
+
+def quiet(text: str) -> None:
+    """Progress that nobody watches."""
+
+
+@dataclass(frozen=True, eq=False)
+class Identified:
+    """What `identify` hands back.
+
+    Attributes
+    ----------
+    model : Model
+    warnings : list of str
+        What the user must be told.
+    campaign : CampaignFile
+    measurements : Measurements
+        All of them.
+    held : (experiments,) bool
+        Which took no part.
+    residual_mm : (3, M) residuals of the fitted readings, mm (references taken off)
+    """
+
+    model: Model
+    warnings: list[str]
+    campaign: CampaignFile
+    measurements: Measurements
+    held: np.ndarray
+    residual_mm: np.ndarray
+
+
+def provenance(files: dict[str, Path], seed: int | None) -> dict[str, Any]:
+    """Program version, SHA-256 of the input files, seed; `time` is the only field that differs between runs."""
+    return {
+        "program": f"drake-stiffness {drake_stiffness.__version__}",
+        "inputs": {name: {"file": path.name, "sha256": sha256(path)} for name, path in files.items()},
+        "seed": seed,
+        "time": datetime.now(UTC).isoformat(timespec="seconds"),
+    }
+
+
+def identify_campaign(path: Path | str, method: str = "sdp", progress: Progress = quiet) -> Identified:
+    """Identify the model of a campaign (command `identify`).
+
+    Raises
+    ------
+    InputError, UntrustworthyError
+        See `drake_stiffness.errors`.
+    """
+    from drake_stiffness import statistics as st
+    from drake_stiffness.assembly import campaign_effects, make_model, spring_effects
+    from drake_stiffness.errors import InputError
+    from drake_stiffness.identification import identify, smallest_eigenvalue
+    from drake_stiffness.observation import observe, restrict
+    from drake_stiffness.plant import build_arm
+    from drake_stiffness.start import starting_model
+
+    path = Path(path)
+    campaign = read_campaign_file(path)
+    cell_path, table_path = path.parent / campaign.cell, path.parent / campaign.measurements
+    cell = read_cell(cell_path)
+    progress("reading the robot")
+    arm = build_arm(cell)
+    points = tuple(cell.reference_points_m)
+    progress("reading the measurements")
+    m = read_measurements(table_path, arm, points, np.array(cell.load_point_m), readings=True)
+    held = held_out_experiments(m, campaign.hold_out, str(path))
+    displacement = campaign.quantity == "displacement"
+    observe(m, displacement, campaign.noise)  # what is wrong with held-out experiments is said now, not after the fit
+    effects = spring_effects(cell, arm) + campaign_effects(campaign, cell, arm)
+    if not effects:
+        raise InputError(
+            f"{path}: nothing to identify: the cell has no springs and the campaign estimates nothing. Set springs in "
+            f"{cell_path}, or tracker_frame, reference_points or estimate."
+        )
+    fitted = restrict(m, ~held)
+    o = observe(fitted, displacement, campaign.noise)
+    model = starting_model(make_model(cell, arm, effects), fitted)
+    solution = identify(model, o, method, progress)  # type: ignore[arg-type]
+    fit = st.goodness(solution, o)
+    numbers, how = st.statistics(solution, o, fit)
+    score = (
+        st.rms_mm(st.held_out_errors(solution.model, restrict(m, held), displacement)) if held.any() else float("nan")
+    )
+    entry = st.fit_entry(solution, fit, score, method, smallest_eigenvalue(solution.model), how)
+    entry["experiments"] = {"fitted": int((~held).sum()), "held_out": int(held.sum())}
+    entry["quantity"] = campaign.quantity
+    lines = st.warnings_of(solution, numbers, fit, o, how)
+    entry["warnings"] = lines
+    files = {"campaign": path, "cell": cell_path, "robot": cell.robot_path, "measurements": table_path}
+    seed = campaign.hold_out.seed if campaign.hold_out is not None else None
+    final = st.attach(solution, numbers, entry, provenance(files, seed))
+    readings = fitted.case.size
+    residual_mm = solution.residual[: 3 * readings].reshape(readings, 3).T * o.sigma_p * 1e3
+    return Identified(final, lines, campaign, m, held, residual_mm)

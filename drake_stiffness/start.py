@@ -1,0 +1,47 @@
+"""Where identification starts: rigid springs, nominal geometry, and a tracker frame found from the positions themselves."""
+
+from __future__ import annotations
+
+import logging
+
+import numpy as np
+
+from drake_stiffness.arm import forward
+from drake_stiffness.campaign import Measurements
+from drake_stiffness.effects.instruments import TrackerFrame
+from drake_stiffness.model import Model
+from drake_stiffness.rotations import Array, logarithm, rotate
+
+log = logging.getLogger("drake_stiffness")
+
+
+def starting_model(model: Model, measurements: Measurements) -> Model:
+    """The model with its tracker frame, if it has one, placed so that nominal points fall on measured ones.
+
+    Displacements alone show no position; the frame then starts parallel to the world.
+    """
+    places = [i for i, effect in enumerate(model.effects) if isinstance(effect, TrackerFrame)]
+    if not places:
+        return model
+    if measurements.relative or measurements.position is None:
+        log.info("the tracker frame starts parallel to the world: displacements do not show where it stands")
+        return model
+    m, position = measurements, measurements.position
+    poses = forward(model.arm, m.cases.q)
+    p_W = poses.p_E[:, m.case] + rotate(poses.R_E[:, :, m.case], model.point_positions(m.point))
+    x = model.x.copy()
+    x[model.slices[places[0]]] = fitted_frame(p_W, position.T)
+    return model.with_x(x)
+
+
+def fitted_frame(p_W: Array, p_T: Array) -> Array:
+    """Pose (dx, dy, dz, rx, ry, rz) of frame T in W that carries points `p_T (3, M)` onto `p_W (3, M)` (Kabsch)."""
+    center_W, center_T = p_W.mean(axis=1), p_T.mean(axis=1)
+    U, _, Vt = np.linalg.svd((p_W - center_W[:, None]) @ (p_T - center_T[:, None]).T)
+    R = U @ np.diag([1.0, 1.0, np.linalg.det(U @ Vt)]) @ Vt
+    r = logarithm(R[:, :, None])[:, 0]
+    if np.trace(R) < -1 + 1e-6:
+        # Half a turn: the logarithm's axis is the eigenvector of eigenvalue one.
+        values, vectors = np.linalg.eigh((R + R.T) / 2)
+        r = np.pi * vectors[:, int(values.argmax())]
+    return np.concatenate([center_W - R @ center_T, r])

@@ -1,0 +1,97 @@
+"""Numbers as a program prints them: how much one printed digit is worth, and how to print another value alike."""
+
+from __future__ import annotations
+
+import re
+
+import numpy as np
+from numpy.typing import NDArray
+
+NUMBER = rb"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?"
+
+# A REAL of a robot controller is a single-precision number. A larger exponent is a damaged program, and would overflow.
+LARGEST_EXPONENT = 38
+# More digits than this before the point (or after it) are damage as well, and would leave the range of a double.
+LONGEST_NUMBER = 60
+
+_NUMBER = re.compile(NUMBER)
+_STYLE = re.compile(rb"([+-]?)(\d*)(\.?)(\d*)((?:[eE][+-]?\d+)?)")
+
+
+def read_number(token: bytes) -> float | None:
+    """Value of a literal number, or None where the token is none that a controller could hold."""
+    if _NUMBER.fullmatch(token) is None or len(token) > LONGEST_NUMBER:
+        return None
+    exponent = token.upper().partition(b"E")[2]
+    if exponent and abs(int(exponent)) > LARGEST_EXPONENT:
+        return None
+    return float(token)
+
+
+def print_like(token: bytes, value: float) -> bytes:
+    """Print a value in the style of an existing number token.
+
+    Kept are the number of decimals, an explicit plus sign, zero padding, a missing zero before or missing digits after
+    the point, and the exponent as written (so that the worth of a printed digit stays what it was). Zero is never
+    printed with a minus sign. Blanks around the token are not ours: columns may shift by a character where a value gains
+    a digit.
+
+    Parameters
+    ----------
+    token
+        The number as the program has it, for example ``b"-0.000"``, ``b"+07.5"``, ``b"1.20E-1"``.
+    value
+        The value to print, in the unit of the token.
+    """
+    match = _STYLE.fullmatch(token)
+    if match is None:
+        raise ValueError(f"not a number token: {token!r}")
+    sign, whole, point, decimals, exponent = match.groups()
+    if exponent:
+        power = int(exponent[1:])
+        value = value * 10.0**-power if power < 0 else value / 10.0**power
+    digits = b"%.*f" % (len(decimals), abs(value))
+    head, _, tail = digits.partition(b".")
+    if not whole and head == b"0":
+        head = b""
+    elif len(whole) > 1 and whole[:1] == b"0":
+        head = head.zfill(len(whole))
+    shown = b"" if value >= 0 or not digits.strip(b"0.") else b"-"
+    return (shown or (b"+" if sign == b"+" else b"")) + head + point + tail + exponent
+
+
+def print_quanta(raw: bytes, span: NDArray[np.int32]) -> NDArray[np.float64]:
+    """What one unit in the last printed digit of each number token is worth, in the unit of the token.
+
+    Parameters
+    ----------
+    raw
+        The bytes of the program.
+    span
+        (N, K, 2) start and end of number tokens; -1 where there is none.
+
+    Returns
+    -------
+    (N, K) quanta, for example 0.001 for ``12.345``, 1 for ``500``, 0.01 for ``1.2E-1``; NaN where there is no token.
+    """
+    start, end = span[..., 0], span[..., 1]
+    written = start >= 0
+    buffer = np.frombuffer(raw, dtype=np.uint8)
+    mantissa_end = end.copy()
+    power = np.zeros(start.shape)
+    mark, has_exponent = _first_inside(np.flatnonzero((buffer == ord("E")) | (buffer == ord("e"))), start, end)
+    for index in zip(*np.nonzero(has_exponent), strict=True):
+        power[index] = int(raw[mark[index] + 1 : end[index]])
+        mantissa_end[index] = mark[index]
+    dot, has_dot = _first_inside(np.flatnonzero(buffer == ord(".")), start, mantissa_end)
+    decimals = np.where(has_dot, mantissa_end - dot - 1, 0)
+    return np.where(written, 10.0 ** (power - decimals), np.nan)
+
+
+def _first_inside(
+    places: NDArray[np.intp], start: NDArray[np.int32], end: NDArray[np.int32]
+) -> tuple[NDArray[np.int32], NDArray[np.bool_]]:
+    """First of the sorted `places` at or after each start, and whether it lies before the end."""
+    padded = np.append(places, np.iinfo(np.int32).max).astype(np.int32)
+    first = padded[np.searchsorted(places, start)]
+    return first, (start >= 0) & (first < end)
