@@ -138,13 +138,15 @@ def read_measurements(
     position, relative = _read_positions(table) if readings else (None, False)
     orientation = _read_orientations(table)
     experiment, step = table.text("experiment"), table.whole_numbers("step")
-    for row, name in enumerate(experiment):
+    for place, name in enumerate(experiment):
         if not name:
-            raise InputError(f"{table.where(row, 'experiment')}: found an empty cell; expected the experiment's name.")
+            raise InputError(
+                f"{table.where(place, 'experiment')}: found an empty cell; expected the experiment's name."
+            )
     weight = table.numbers("weight", empty=1.0)
-    for row in np.flatnonzero((weight != 0) & (weight != 1)):
+    for bad in np.flatnonzero((weight != 0) & (weight != 1)).tolist():
         raise InputError(
-            f"{table.where(int(row), 'weight')}: found {weight[row]:g}; expected 1, or 0 to exclude the row."
+            f"{table.where(bad, 'weight')}: found {weight[bad]:g}; expected 1, or 0 to exclude the row."
         )
     _check_points_and_duplicates(table, experiment, step, points)
     kept = np.flatnonzero(weight == 1)
@@ -166,7 +168,6 @@ def read_measurements(
         point = np.array(table.text("point"))[kept]
     else:
         point, row, case = np.tile(points, kept.size), np.repeat(kept, len(points)), np.repeat(case, len(points))
-        orientation = orientation[:, :]
     return Measurements(
         table=table,
         cases=cases,

@@ -27,8 +27,9 @@ from drake_stiffness.effects.compliance import Spring
 from drake_stiffness.errors import InputError, UntrustworthyError
 from drake_stiffness.identifiability import Identifiability, analyse, relinearised
 from drake_stiffness.model import Model
-from drake_stiffness.observation import Observations, columns, has_finite_differences, measured, predicted
+from drake_stiffness.observation import Observations, columns, measured, predicted
 from drake_stiffness.rotations import Array
+from drake_stiffness.sensitivity import has_finite_differences
 
 log = logging.getLogger("drake_stiffness")
 

@@ -6,9 +6,8 @@ every experiment is an unknown of its own; it is eliminated by taking the mean o
 displacement columns the reference reading appears as the row of zeros it is, so the same elimination gives the covariance
 that differences imply.
 
-Columns of linear springs are taken at the undeflected posture. That makes them exactly the columns of the linear theory -
-redundancies stay exact, ranks have visible gaps - and an outer iteration on the residual of the loaded equilibrium removes
-the difference: columns only steer, residuals decide.
+A is that of the linear theory for springs (see `sensitivity`), while r comes from the loaded equilibrium: columns only
+steer, residuals decide, and an outer iteration removes the difference.
 """
 
 from __future__ import annotations
@@ -19,20 +18,15 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from drake_stiffness.arm import Poses, forward, joint_jacobian, link_jacobian, torques
 from drake_stiffness.campaign import Measurements, Noise
-from drake_stiffness.effects.compliance import Spring
-from drake_stiffness.effects.effect import Cases, Reading
-from drake_stiffness.equilibrium import solve_equilibrium
+from drake_stiffness.effects.effect import Reading
 from drake_stiffness.errors import InputError
 from drake_stiffness.model import Model
-from drake_stiffness.rotations import Array, logarithm, multiply, rotate
-from drake_stiffness.simulation import read
+from drake_stiffness.rotations import Array, logarithm, multiply
+from drake_stiffness.sensitivity import sensitivity
+from drake_stiffness.simulation import simulate_readings
 
 log = logging.getLogger("drake_stiffness")
-
-# Central differences step by this share of a parameter's scale: truncation and rounding both stay below 1e-9.
-_STEP = 0.05
 
 
 @dataclass(frozen=True, eq=False)
@@ -174,12 +168,8 @@ def measured(o: Observations) -> Array:
 
 def predicted(o: Observations, model: Model) -> Array:
     """What the model says of the same vector, from the loaded equilibrium."""
-    return _center(o, _stack(o, _read_all(o, model)))
-
-
-def _read_all(o: Observations, model: Model) -> Reading:
     m = o.measurements
-    return read(model, solve_equilibrium(model.structure, m.cases), m.cases, m.case, m.point)
+    return _center(o, _stack(o, simulate_readings(model, m.cases, m.case, m.point)))
 
 
 def _stack(o: Observations, reading: Reading) -> Array:
@@ -218,128 +208,9 @@ def _without_means(columns: Array, group: NDArray[np.int_]) -> Array:
 
 def columns(o: Observations, model: Model) -> Array:
     """The observation matrix in units of noise per unit of a parameter's scale, `(rows, n)`, references taken off."""
-    A = np.empty((o.rows, model.x.size))
-    spring_columns = _SpringColumns(o, model) if any(isinstance(e, Spring) for e in model.effects) else None
-    for effect, own in zip(model.effects, model.slices, strict=True):
-        if isinstance(effect, Spring):
-            assert spring_columns is not None
-            A[:, own] = spring_columns.of(effect)
-        else:
-            A[:, own] = _differences(o, model, own)
-    A *= model.scales
-    return _center(o, A)
-
-
-def has_finite_differences(model: Model) -> bool:
-    """Whether any column is a difference quotient (then ranks are judged more coarsely)."""
-    return any(not isinstance(effect, Spring) for effect in model.effects)
-
-
-def _differences(o: Observations, model: Model, own: slice) -> Array:
-    """Central differences of the loaded readings; effects on readings reuse the equilibrium."""
-    out = np.empty((o.rows, own.stop - own.start))
     m = o.measurements
-    fixed = None
-    if model.effects[model.slices.index(own)].station == "reading":
-        fixed = solve_equilibrium(model.structure, m.cases)
-    for place, number in enumerate(range(own.start, own.stop)):
-        h = _STEP * model.scales[number]
-        ends = []
-        for sign in (1.0, -1.0):
-            x = model.x.copy()
-            x[number] += sign * h
-            other = model.with_x(x)
-            equilibrium = fixed or solve_equilibrium(other.structure, m.cases)
-            ends.append(_stack(o, read(other, equilibrium, m.cases, m.case, m.point)))
-        out[:, place] = (ends[0] - ends[1]) / (2 * h)
-    return out
-
-
-class _SpringColumns:
-    """Columns J omega J^T W of linear springs at the undeflected posture (seed eq. 23), as the instruments see them."""
-
-    def __init__(self, o: Observations, model: Model) -> None:
-        self.o, self.arm = o, model.structure.arm
-        m = o.measurements
-        cases = m.cases
-        wrench = cases.wrench
-        poses = forward(self.arm, cases.q)
-        for effect, x in model.structure.wrench_effects:
-            wrench = effect.on_wrench(wrench, cases, poses.R_E, x)
-        links = [True] * (self.arm.num_joints + 1)
-        self.tau_joint, self.tau_link = torques(self.arm, poses, wrench, cases.p_ELoad, None, links)
-        self.poses = _take(poses, m.case)
-        R = self.poses.R_E
-        self.p = self.poses.p_E + rotate(R, model.point_positions(m.point))
-        self.turn_p, self.turn_r = _instrument_jacobians(model, cases, Reading(self.p, R, m.point, m.case))
-
-    def of(self, effect: Spring) -> Array:
-        place, number = effect.site(self.arm)
-        case = self.o.measurements.case
-        if place == "joint":
-            J = joint_jacobian(self.arm, self.poses, self.p)[number][None]
-            tau = self.tau_joint[number][None, case]
-        else:
-            J = link_jacobian(self.poses, number, self.p)
-            tau_k = self.tau_link[number]
-            assert tau_k is not None
-            tau = tau_k[:, case]
-        # the column of an unknown is the sum over ij of J_i omega_ij tau_j; omega is sparse, so go through its ones
-        out = np.zeros((len(effect.basis), 6, case.size))
-        for unknown, i, j in zip(*np.nonzero(effect.basis), strict=True):
-            out[unknown] += effect.basis[unknown, i, j] * J[i] * tau[j]
-        dp = (
-            np.einsum("abm,lbm->mal", self.turn_p, out[:, :3])
-            if self.turn_p is not None
-            else out[:, :3].transpose(2, 1, 0)
-        )
-        rows = [(dp / self.o.sigma_p).reshape(-1, out.shape[0])]
-        if self.o.turned.size:
-            phi = out[:, 3:, self.o.turned]
-            if self.turn_r is not None:
-                phi = np.einsum("abm,lbm->lam", self.turn_r[:, :, self.o.turned], phi)
-            rows.append((phi.transpose(2, 1, 0) / self.o.sigma_r).reshape(-1, out.shape[0]))
-        return np.concatenate(rows)
-
-
-def _take(poses: Poses, case: NDArray[np.int_]) -> Poses:
-    """Poses reading by reading; constants that broadcast stay as they are."""
-
-    def pick(a: Array) -> Array:
-        return a if a.shape[-1] == 1 else a[..., case]
-
-    def picks(entries: list[Array]) -> list[Array]:
-        return [pick(a) for a in entries]
-
-    return Poses(
-        R_F=picks(poses.R_F),
-        p_F=picks(poses.p_F),
-        p_S=picks(poses.p_S),
-        axis=picks(poses.axis),
-        p_J=picks(poses.p_J),
-        p_C=picks(poses.p_C),
-        R_E=pick(poses.R_E),
-        p_E=pick(poses.p_E),
-    )
-
-
-def _instrument_jacobians(model: Model, cases: Cases, reading: Reading) -> tuple[Array | None, Array | None]:
-    """How instruments pass on a small displacement (3, 3, M) and a small rotation (3, 3, M); None where they pass it as is."""
-    effects = [(e, x) for e, x in zip(model.effects, model.values, strict=True) if e.station == "reading"]
-    if not effects:
-        return None, None
-
-    def chain(r: Reading) -> Reading:
-        for effect, x in effects:
-            r = effect.on_reading(r, cases, x)
-        return r
-
-    h = 1e-3
-    D = np.empty((3, 3, reading.p.shape[1]))
-    for axis in range(3):
-        step = np.zeros((3, 1))
-        step[axis] = h
-        D[:, axis] = (chain(replace(reading, p=reading.p + step)).p - chain(replace(reading, p=reading.p - step)).p) / (
-            2 * h
-        )
-    return D, multiply(chain(reading).R, reading.R.transpose(1, 0, 2))
+    change = sensitivity(model, m.cases, m.case, m.point)
+    n = model.x.size
+    position = (change[:, :3] / o.sigma_p).reshape(-1, n)
+    turned = (change[o.turned, 3:] / o.sigma_r).reshape(-1, n)
+    return _center(o, np.concatenate([position, turned]))

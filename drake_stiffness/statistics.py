@@ -109,8 +109,8 @@ def held_out_errors(model: Model, measurements: Measurements, displacement: bool
     group = group.reshape(-1)
     free = m.unloaded[m.case]
     count = np.bincount(group[free], minlength=group.max() + 1)
-    mean = np.stack([np.bincount(group[free], error[c, free], minlength=group.max() + 1) for c in range(3)])
-    mean = mean / np.maximum(count, 1)
+    sums = [np.bincount(group[free], weights=error[c, free], minlength=group.max() + 1) for c in range(3)]
+    mean = np.stack(sums) / np.maximum(count, 1)
     scored = ~free & (count[group] > 0)
     return (error - mean[:, group])[:, scored]
 

@@ -1,0 +1,76 @@
+"""How far a prediction is carried by what the campaign identified: its standard deviation, and its unsupported share.
+
+A prediction depends on the parameters through its gradient a. The part of a along directions the campaign saw has the
+variance a^T C a. The part along unseen directions is not evidence at all: the model fills it with its convention (springs of
+least norm). Its share is measured against the whole gradient, each parameter weighted by the size it plausibly has - the
+larger of its value and the typical size of identified compliances - so that a share of one means that nothing of the
+predicted displacement was ever observed.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drake_stiffness.effects.compliance import Spring
+from drake_stiffness.effects.effect import Cases
+from drake_stiffness.model import Model
+from drake_stiffness.rotations import Array
+from drake_stiffness.sensitivity import sensitivity
+
+# Beyond this share a prediction is refused (exit code 3); beyond the smaller one the user is warned.
+REFUSE_ABOVE = 0.5
+WARN_ABOVE = 0.1
+
+
+@dataclass(frozen=True, eq=False)
+class Support:
+    """Of M predicted readings.
+
+    Attributes
+    ----------
+    sigma : (M, 3)
+        Standard deviation of the predicted coordinates from the parameters' covariance, m; NaN without statistics.
+    unsupported : (M,)
+        Share (0 .. 1) of the prediction that rests on directions the campaign did not see.
+    """
+
+    sigma: Array
+    unsupported: Array
+
+
+def displacement_support(model: Model, cases: Cases, case: NDArray[np.int_], point: NDArray[np.str_]) -> Support:
+    """Support of predicted displacements (loaded minus unloaded at the same joints)."""
+    loaded = sensitivity(model, cases, case, point)[:, :3]
+    unloaded = sensitivity(model, cases.unloaded(), case, point)[:, :3]
+    return _support(model, loaded - unloaded)
+
+
+def position_support(model: Model, cases: Cases, case: NDArray[np.int_], point: NDArray[np.str_]) -> Support:
+    """Support of predicted positions."""
+    return _support(model, sensitivity(model, cases, case, point)[:, :3])
+
+
+def _support(model: Model, gradient: Array) -> Support:
+    """From gradients (M, 3, n) per unit scale."""
+    M = gradient.shape[0]
+    s = model.statistics
+    if s is None or not model.x.size:
+        return Support(np.full((M, 3), np.nan), np.zeros(M))
+    cov = s.covariance / np.outer(model.scales, model.scales)
+    variance = np.einsum("mci,ij,mcj->mc", gradient, cov, gradient, optimize=True)
+    return Support(np.sqrt(np.maximum(variance, 0.0)), _unsupported(model, gradient, s.null_space))
+
+
+def _unsupported(model: Model, gradient: Array, unseen: Array) -> Array:
+    if not unseen.shape[1]:
+        return np.zeros(gradient.shape[0])
+    size = np.abs(model.x / model.scales)
+    springs = np.array([isinstance(e, Spring) for e in model.effects for _ in e.parameters], dtype=bool)
+    typical = np.sqrt((size[springs] ** 2).mean()) if springs.any() else 0.0
+    weight = np.where(springs, np.maximum(size, typical), 1.0)
+    blind = np.einsum("mci,ik,jk->mcj", gradient, unseen, unseen, optimize=True)
+    whole = np.sqrt(((gradient * weight) ** 2).sum(axis=(1, 2)))
+    return np.sqrt(((blind * weight) ** 2).sum(axis=(1, 2))) / np.where(whole > 0, whole, 1.0)
