@@ -145,9 +145,7 @@ def read_measurements(
             )
     weight = table.numbers("weight", empty=1.0)
     for bad in np.flatnonzero((weight != 0) & (weight != 1)).tolist():
-        raise InputError(
-            f"{table.where(bad, 'weight')}: found {weight[bad]:g}; expected 1, or 0 to exclude the row."
-        )
+        raise InputError(f"{table.where(bad, 'weight')}: found {weight[bad]:g}; expected 1, or 0 to exclude the row.")
     _check_points_and_duplicates(table, experiment, step, points)
     kept = np.flatnonzero(weight == 1)
     if not kept.size:

@@ -118,3 +118,109 @@ def identify_campaign(path: Path | str, method: str = "sdp", progress: Progress 
     readings = fitted.case.size
     residual_mm = solution.residual[: 3 * readings].reshape(readings, 3).T * o.sigma_p * 1e3
     return Identified(final, lines, campaign, m, held, residual_mm)
+
+
+def inspect(path: Path | str, identifiability: bool = False) -> Any:
+    """Describe a cell (command `inspect`)."""
+    from drake_stiffness.inspection import inspect_cell
+    from drake_stiffness.plant import build_arm
+
+    cell = read_cell(path)
+    return inspect_cell(cell, build_arm(cell), identifiability=identifiability)
+
+
+@dataclass(frozen=True, eq=False)
+class Simulated:
+    """A virtual campaign: the files of the folder by name, and the displacement it shows.
+
+    Attributes
+    ----------
+    files : dict of file name to text
+    displacement_rms_mm, displacement_max_mm : float
+        Of loaded readings against unloaded ones at the same joints.
+    """
+
+    files: dict[str, str]
+    displacement_rms_mm: float
+    displacement_max_mm: float
+
+
+def simulate(
+    cell_path: Path | str, truth: Path | str, plan: Path | str, folder: Path, sigma_mm: float, seed: int
+) -> Simulated:
+    """A virtual campaign from the loaded equilibrium (command `simulate`).
+
+    Parameters
+    ----------
+    folder : Path
+        Where the files will stand (paths in campaign.yaml are relative to it).
+    sigma_mm : float
+        Noise added to every coordinate; 0 for none.
+    """
+    from drake_stiffness.plant import build_arm
+    from drake_stiffness.simulation import simulate_displacement
+    from drake_stiffness.truth import read_truth
+    from drake_stiffness.virtual import campaign_files
+
+    cell = read_cell(cell_path)
+    arm = build_arm(cell)
+    model = read_truth(truth, cell, arm)
+    m = read_measurements(plan, arm, tuple(cell.reference_points_m), model.load_point, readings=False)
+    change = simulate_displacement(model, m.cases, m.case, m.point)
+    loaded = ~m.unloaded[m.case]
+    size = np.linalg.norm(change.dp, axis=0)[loaded] * 1e3
+    files = campaign_files(m, change.loaded.p, Path(cell_path), folder, sigma_mm, seed)
+    rms = float(np.sqrt((size**2).mean())) if size.size else 0.0
+    return Simulated(files, rms, float(size.max(initial=0.0)))
+
+
+@dataclass(frozen=True, eq=False)
+class Predicted:
+    """Predictions for the rows of a table.
+
+    Attributes
+    ----------
+    text : str
+        The table with predicted columns added.
+    rows : int
+    unsupported : (M,)
+        Share of every prediction that rests on what the campaign did not see.
+    rms_mm : float
+        Root mean square of predicted displacements.
+    error_rms_mm : float
+        Root mean square of measured minus predicted where the table holds readings; NaN otherwise.
+    """
+
+    text: str
+    rows: int
+    unsupported: np.ndarray
+    rms_mm: float
+    error_rms_mm: float
+
+
+def predict(model: Model, path: Path | str) -> Predicted:
+    """Predict the readings of a table (command `predict`); needs neither Drake nor cvxpy."""
+    from drake_stiffness.simulation import simulate_displacement
+    from drake_stiffness.statistics import held_out_errors, rms_mm
+    from drake_stiffness.support import displacement_support, position_support
+    from drake_stiffness.tables import read_table
+    from drake_stiffness.virtual import with_columns
+
+    points = tuple(model.points)
+    m = read_measurements(path, model.arm, points, model.load_point, readings=False)
+    change = simulate_displacement(model, m.cases, m.case, m.point)
+    absolute = model.fit.get("quantity") == "position"
+    support = (position_support if absolute else displacement_support)(model, m.cases, m.case, m.point)
+    added = {}
+    for c, axis in enumerate("xyz"):
+        added[f"predicted_d{axis}_mm"] = change.dp[c] * 1e3
+        added[f"predicted_{axis}_mm"] = change.loaded.p[c] * 1e3
+        added[f"predicted_sigma_{axis}_mm"] = support.sigma[:, c] * 1e3
+    added["predicted_unsupported_share"] = support.unsupported
+    header = read_table(path, "a table").header
+    error = float("nan")
+    if any(name.removeprefix("d").rsplit("_", 1)[0] in ("x", "y", "z") for name in header):
+        read = read_measurements(path, model.arm, points, model.load_point, readings=True)
+        if absolute == (not read.relative) or not absolute:
+            error = rms_mm(held_out_errors(model, read, not absolute))
+    return Predicted(with_columns(m, added), m.case.size, support.unsupported, rms_mm(change.dp), error)

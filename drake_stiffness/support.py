@@ -9,7 +9,7 @@ predicted displacement was ever observed.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -46,6 +46,13 @@ def displacement_support(model: Model, cases: Cases, case: NDArray[np.int_], poi
     loaded = sensitivity(model, cases, case, point)[:, :3]
     unloaded = sensitivity(model, cases.unloaded(), case, point)[:, :3]
     return _support(model, loaded - unloaded)
+
+
+def tool_support(model: Model, cases: Cases) -> Support:
+    """Support of the predicted displacement of the tool centre point, one reading per case."""
+    tcp = "(tool centre point)"
+    with_tcp = replace(model, points={**model.points, tcp: model.tcp[1]})
+    return displacement_support(with_tcp, cases, np.arange(cases.number), np.full(cases.number, tcp))
 
 
 def position_support(model: Model, cases: Cases, case: NDArray[np.int_], point: NDArray[np.str_]) -> Support:

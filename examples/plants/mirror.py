@@ -7,29 +7,30 @@ import numpy as np
 from .beams import Array
 from .krl_reader import Program, with_poses
 from .process import Process
-from .rigid_ik import ToolFrame, joint_step, twist
+from .replay import tool_under_load
+from .rigid_ik import ToolFrame, joint_step, tool_poses, twist
 from .segmented_arm import EquilibriumError, SegmentedArm
 
 
 def mirror_joints(
     arm: SegmentedArm, q: Array, wrench_world: Array, tool: ToolFrame, *, tolerance: float = 1e-10
 ) -> Array:
-    """Joints (N, n) at which the loaded tool stands where weight alone leaves it at q (N, n).
+    """Joints (N, n) at which the loaded tool stands where the rigid tool stands at q (N, n), sag aside.
 
-    Iterates q_c <- q_c + J(q_c)^+ (wanted - loaded(q_c)) with the rigid Jacobian until the twist is below `tolerance`
-    (m, rad).
+    Iterates q_c <- q_c + J(q_c)^+ (wanted - got(q_c)) with the rigid Jacobian until the twist is below `tolerance` (m, rad);
+    `got` is `replay.tool_under_load`.
 
     Raises
     ------
     EquilibriumError
         If it does not converge.
     """
-    wanted_R, wanted_p = arm.poses(q)
-    wanted_p = wanted_p + wanted_R @ tool.p
+    at_point = ToolFrame(np.eye(3), tool.p)
+    wanted_R, wanted_p = tool_poses(arm.chain, q, at_point)
     corrected = np.array(q, dtype=float)
     for _ in range(30):
-        R, p = arm.poses(corrected, wrench_world, tool.p)
-        error = twist(wanted_R, wanted_p, R, p + R @ tool.p)
+        R, p = tool_under_load(arm, corrected, wrench_world, at_point)
+        error = twist(wanted_R, wanted_p, R, p)
         if np.abs(error).max(initial=0.0) < tolerance:
             return corrected
         corrected += joint_step(arm.chain.jacobian(corrected, tool.p), error)

@@ -1,7 +1,9 @@
 """What the tool of the true arm really does when it mills a program, and how far that is from what was wanted.
 
-Wanted: the loaded tool centre point of the corrected program lies where the tool centre point of the original program
-lies under weight alone (the reference `unloaded`).
+Wanted is the pose that the original program writes. The tool stands at the pose the corrected program writes, moved by the
+deflection that the load adds: loaded minus unloaded-with-weight at the same commanded joints (the reference `unloaded`: sag
+is the controller's business, or was accepted). Where the controller does not correct sag, sag itself changes a little over
+the correction; `sag_moves` counts that too.
 """
 
 from __future__ import annotations
@@ -15,6 +17,7 @@ from . import rotations
 from .beams import Array
 from .krl_reader import read_program
 from .process import Process
+from .rigid_ik import ToolFrame, tool_poses
 from .segmented_arm import SegmentedArm
 
 
@@ -69,6 +72,7 @@ def replay(
     *,
     force_scale: float = 1.0,
     joint_error: Array | None = None,
+    sag_moves: bool = False,
 ) -> PathError:
     """Mill a program on the true arm.
 
@@ -87,13 +91,32 @@ def replay(
         Factor on the wrench that really acts.
     joint_error
         (N, n) errors the robot makes in taking its postures (see `repeatability.joint_errors`).
+    sag_moves
+        Whether the change of sag from the original to the corrected posture counts as an error.
     """
-    R_wanted, p_wanted = arm.poses(q_original)
+    tool = ToolFrame(np.eye(3), tcp_m)
     taken = q_corrected if joint_error is None else q_corrected + joint_error
-    R_got, p_got = arm.poses(taken, force_scale * wrench_world, tcp_m)
-    position = (p_got + R_got @ tcp_m) - (p_wanted + R_wanted @ tcp_m)
-    turn = rotations.rotation_vector(R_got @ np.swapaxes(R_wanted, 1, 2))
-    return PathError(position, turn)
+    R_wanted, p_wanted = tool_poses(arm.chain, q_original, tool)
+    R_got, p_got = tool_under_load(arm, taken, force_scale * wrench_world, tool)
+    if sag_moves:
+        R_sag, p_sag = tool_under_load(arm, q_original, 0 * wrench_world, tool, whole=True)
+        R_got, p_got = tool_under_load(arm, taken, force_scale * wrench_world, tool, whole=True)
+        R_wanted, p_wanted = R_sag, p_sag
+    return PathError(p_got - p_wanted, rotations.rotation_vector(R_got @ np.swapaxes(R_wanted, 1, 2)))
+
+
+def tool_under_load(
+    arm: SegmentedArm, q: Array, wrench_world: Array, tool: ToolFrame, *, whole: bool = False
+) -> tuple[Array, Array]:
+    """Tool poses (N, 3, 3), (N, 3): the rigid pose moved by what the load adds to weight, or with `whole` the true pose."""
+    R, p = arm.poses(q, wrench_world, tool.p)
+    p = p + R @ tool.p
+    if whole:
+        return R @ tool.R, p
+    R_weight, p_weight = arm.poses(q)
+    R_rigid, p_rigid = tool_poses(arm.chain, q, tool)
+    turn = R @ np.swapaxes(R_weight, 1, 2)
+    return turn @ R_rigid, p_rigid + p - (p_weight + R_weight @ tool.p)
 
 
 def replay_files(
@@ -104,6 +127,7 @@ def replay_files(
     *,
     force_scale: float = 1.0,
     joint_error: Array | None = None,
+    sag_moves: bool = False,
 ) -> PathError:
     """`replay` of two KRL programs: all linear and circular poses, the corrected on the branch of the original.
 
@@ -119,4 +143,13 @@ def replay_files(
     q_original = job.joints(arm.chain, first)
     q_corrected = job.joints(arm.chain, second, near=q_original)
     wrench = job.world_wrench(arm.chain, q_original)
-    return replay(arm, q_original, q_corrected, wrench, job.tool.p, force_scale=force_scale, joint_error=joint_error)
+    return replay(
+        arm,
+        q_original,
+        q_corrected,
+        wrench,
+        job.tool.p,
+        force_scale=force_scale,
+        joint_error=joint_error,
+        sag_moves=sag_moves,
+    )

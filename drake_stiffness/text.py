@@ -1,0 +1,109 @@
+"""What commands print: short tables for people."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+from rich.console import Console
+from rich.table import Table
+
+if TYPE_CHECKING:
+    from drake_stiffness.inspection import Inspection
+    from drake_stiffness.jobs import Identified
+    from toolpaths.job import Compensation
+
+# A model may have hundreds of parameters; the terminal shows the first ones, model.json and the report show all.
+_SHOWN = 40
+
+
+def show_inspection(console: Console, result: Inspection) -> None:
+    """Chain, springs, counts, ranks."""
+    table = Table(title="Chain, base to flange")
+    for name in ("joint", "type", "axis (parent-side frame)", "limits", "position at zero, m"):
+        table.add_column(name)
+    for joint in result.joints:
+        axis = " ".join(f"{a:g}" for a in joint["axis"])
+        limits = f"{joint['lower']:g} .. {joint['upper']:g} {joint['unit']}"
+        table.add_row(
+            joint["name"], joint["type"], axis, limits, " ".join(f"{p:.3f}" for p in joint["position_at_zero_m"])
+        )
+    console.print(table)
+    springs = Table(title="Springs of this cell")
+    for name in ("spring", "kind", "acts in", "template", "unknowns"):
+        springs.add_column(name)
+    for spring in result.springs:
+        template = spring.get("template") or "-"
+        if spring.get("beam_axis"):
+            template += f" along {spring['beam_axis']}"
+        springs.add_row(spring["name"], spring["kind"], spring["frame"], template, str(spring["unknowns"]))
+    console.print(springs)
+    c = result.counts
+    console.print(
+        f"Unknowns of the complete model (all links and joints): {c['complete']}; symmetric (M1): {c['symmetric']}; "
+        f"beam template (M2): {c['beam']}; this cell keeps {sum(s['unknowns'] for s in result.springs)}."
+    )
+    if result.identifiable:
+        ranks = Table(
+            title="What measurements can show: ranks over random postures, at this cell's load and reference points"
+        )
+        for name in ("template", "load", "unknowns", "rank", "singular-value gap"):
+            ranks.add_column(name)
+        for entry in result.identifiable:
+            gap = "full rank" if entry["singular_gap"] is None else f"{entry['singular_gap']:.1e}"
+            ranks.add_row(entry["template"], entry["load"], str(entry["parameters"]), str(entry["rank"]), gap)
+        console.print(ranks)
+
+
+def show_identification(console: Console, result: Identified) -> None:
+    """Parameters with sigmas and groups, the fit, the warnings."""
+    model = result.model
+    s = model.statistics
+    assert s is not None
+    table = Table(title=f"{model.x.size} parameters, rank {model.fit['rank']}")
+    for name in ("parameter", "value", "sigma", "unit", "group"):
+        table.add_column(name, justify="right" if name in ("value", "sigma") else "left")
+    for i in range(min(model.x.size, _SHOWN)):
+        sigma = f"{s.sigma[i]:.2g}" if np.isfinite(s.sigma[i]) else "-"
+        table.add_row(model.names[i], f"{model.x[i]:.4g}", sigma, model.parameters[i].unit, s.group[i])
+    console.print(table)
+    if model.x.size > _SHOWN:
+        console.print(f"... {model.x.size - _SHOWN} more in the model file and the report.")
+    fit = model.fit
+    held = fit["held_out_rms_mm"]
+    beside = f"; held out: {held:.4f} mm rms" if held == held and held is not None else ""
+    console.print(
+        f"Fit: residual {fit['residual_rms_mm']:.4f} mm rms{beside}; chi-square per degree of freedom {fit['chi2_per_dof']:.3g} "
+        f"({fit['dof']} degrees of freedom)."
+    )
+    for line in result.warnings:
+        console.print(f"! {line}", markup=False)
+
+
+def show_compensation(console: Console, result: Compensation, output: Path) -> None:
+    """Largest and RMS correction, residuals, what was refused."""
+    d = result.to_dict()
+    table = Table(title=f"{output.name}: {d['corrected_points']} points corrected")
+    for name in ("mm", "mean", "rms", "p95", "max"):
+        table.add_column(name, justify="left" if name == "mm" else "right")
+    rows = (
+        ("correction", "correction_mm"),
+        ("deviation uncompensated, predicted", "uncompensated_mm"),
+        ("residual after one shot", "one_shot_residual_mm"),
+        ("residual converged, as printed", "residual_mm"),
+        ("uncertainty of the model (1 sigma)", "model_sigma_mm"),
+    )
+    for label, key in rows:
+        table.add_row(label, *(f"{d[key][k]:.4f}" for k in ("mean", "rms", "p95", "max")))
+    console.print(table)
+    console.print(
+        f"Predicted by this model: {d['percent_compensated']:.2f} % compensated in {d['iterations']} iterations; half a printed digit "
+        f"is {d['half_printed_digit_mm']:g} mm."
+    )
+    for refusal in result.refusals[:20]:
+        console.print(f"! line {refusal.line} left as it was: {refusal.reason}", markup=False)
+    for insertion in result.insertions[:20]:
+        console.print(f"! line {insertion.line}: inserted {insertion.text.strip()}", markup=False)
+    for note in result.notes[:20]:
+        console.print(f"! {note}", markup=False)

@@ -1,0 +1,387 @@
+"""The whole job of `compensate`: program in, corrected program and an honest account out."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drake_stiffness.effects.effect import Cases
+from drake_stiffness.errors import InputError, UntrustworthyError
+from drake_stiffness.model import Model
+from drake_stiffness.support import REFUSE_ABOVE, WARN_ABOVE, tool_support
+from toolpaths.compensation import Bench, Corrected, bench_of, deviation, mirror, reach
+from toolpaths.forces import wrenches
+from toolpaths.formats import DIALECTS
+from toolpaths.orientation import abc_from_rotation, rotation_from_abc
+from toolpaths.postures import Postures, along_path, outside_limits, singularity_margin
+from toolpaths.process import Process, check_frames, check_model, external_positions, posture
+from toolpaths.program import Program, Refusal, quantum_mm
+from toolpaths.rewriting import Insertion, Rewritten, rewrite
+
+Floats = NDArray[np.float64]
+Progress = Callable[[str, int, int], None]
+
+# Below this the arm is at a singularity (see `singularity_margin`): about half a degree of a straight wrist.
+SINGULAR_BELOW = 5e-3
+# Predictions' support is looked at on at most this many points, evenly along the path.
+_SUPPORT_POINTS = 200
+
+
+def silent(what: str, done: int, total: int) -> None:
+    """Progress that nobody watches."""
+
+
+@dataclass(frozen=True, eq=False)
+class Compensation:
+    """A corrected program and what is known about it.
+
+    Attributes
+    ----------
+    program : Program
+        As it was.
+    raw : bytes
+        The corrected program.
+    rows : (N,)
+        Rows of the program that were corrected.
+    line : (N,)
+    target_mm : (N, 3)
+        Where the tool is wanted, in the program's base frame.
+    correction_mm : (N, 3)
+        What the numbers of the program move by, in that frame.
+    force_N : (N, 3)
+        Force on the tool, world axes.
+    before_mm, one_shot_mm, after_mm : (N,)
+        Predicted distance of the tool from where it is wanted: uncorrected, one step of the iteration, and as printed.
+    sigma_mm : (K,)
+        Standard deviation of the predicted deflection from the parameters' covariance at some points; NaN where unknown.
+    unsupported : (K,)
+        Share of the prediction that the campaign does not support, at the same points.
+    contraction : float
+        Largest ratio of successive steps.
+    steps : int
+    quantum_mm : float
+        Half a printed digit, the most that printing costs per word.
+    method : str
+        Inverse kinematics used.
+    refusals : tuple of Refusal
+        Motions under force that stay as they were.
+    insertions : tuple of Insertion
+    notes : list of str
+        What the user should know.
+    """
+
+    program: Program
+    raw: bytes
+    rows: NDArray[np.int_]
+    line: NDArray[np.int_]
+    target_mm: Floats
+    correction_mm: Floats
+    force_N: Floats
+    before_mm: Floats
+    one_shot_mm: Floats
+    after_mm: Floats
+    sigma_mm: Floats
+    unsupported: Floats
+    contraction: float
+    steps: int
+    quantum_mm: float
+    method: str
+    refusals: tuple[Refusal, ...]
+    insertions: tuple[Insertion, ...]
+    notes: list[str]
+
+    def to_dict(self) -> dict[str, Any]:
+        """For `--json`."""
+        size = np.linalg.norm(self.correction_mm, axis=1)
+        return {
+            "corrected_points": int(self.rows.size),
+            "lines": self.program.raw.count(b"\n") + (not self.program.raw.endswith(b"\n")),
+            "correction_mm": _summary(size),
+            "uncompensated_mm": _summary(self.before_mm),
+            "one_shot_residual_mm": _summary(self.one_shot_mm),
+            "residual_mm": _summary(self.after_mm),
+            "percent_compensated": percent(self.before_mm, self.after_mm),
+            "model_sigma_mm": _summary(self.sigma_mm),
+            "unsupported_share": float(self.unsupported.max(initial=0.0)),
+            "iterations": self.steps,
+            "largest_contraction": self.contraction,
+            "half_printed_digit_mm": self.quantum_mm,
+            "inverse_kinematics": self.method,
+            "refused": [{"line": r.line, "reason": r.reason, "words": list(r.words)} for r in self.refusals],
+            "inserted": [{"line": i.line, "words": list(i.words), "text": i.text} for i in self.insertions],
+            "notes": self.notes,
+        }
+
+
+def _summary(values: Floats) -> dict[str, float]:
+    known = values[np.isfinite(values)]
+    if not known.size:
+        return {"mean": float("nan"), "rms": float("nan"), "p95": float("nan"), "max": float("nan")}
+    return {
+        "mean": float(known.mean()),
+        "rms": float(np.sqrt((known**2).mean())),
+        "p95": float(np.percentile(known, 95)),
+        "max": float(known.max()),
+    }
+
+
+def percent(before: Floats, after: Floats) -> float:
+    """Percent of the mean deviation that is compensated; NaN where there was none."""
+    return float(100 * (1 - after.mean() / before.mean())) if before.size and before.mean() > 0 else float("nan")
+
+
+def compensate(
+    program: Program,
+    model: Model,
+    process: Process,
+    *,
+    allow_insert: bool = False,
+    keep_refused: bool = False,
+    progress: Progress = silent,
+) -> Compensation:
+    """Correct a program.
+
+    Parameters
+    ----------
+    allow_insert : bool
+        Insert words that a correction needs and a line does not write.
+    keep_refused : bool
+        Leave motions that cannot be corrected as they are instead of refusing the program.
+
+    Raises
+    ------
+    InputError
+        If model, process and program do not fit each other, or a motion under force cannot be corrected safely.
+    UntrustworthyError
+        If points are out of reach, outside limits or at a singularity; if no equilibrium exists or the iteration does not
+        contract; if the model's campaign does not support the prediction.
+    """
+    check_model(process, model)
+    check_frames(process, program, model)
+    _refuse(program, program.refusals, keep_refused)
+    rows = np.flatnonzero(program.corrected)
+    if not rows.size:
+        raise InputError(
+            f"{program.path}: no linear or circular motion with a literal pose; there is nothing to correct."
+        )
+    start = posture(process, model)
+    bench = bench_of(model, process.reference, process.geometry)
+    R_all, p_all = _targets(program, process, bench, start)
+    given = external_positions(process, program, model, rows)
+    progress("inverse kinematics", 0, rows.size)
+    postures = _postures(program, model, bench, rows, R_all[rows], p_all[rows], start, given)
+    free = [i for i in range(model.arm.num_joints) if i not in given][-6:]
+    wrench = wrenches(process, program, rows, p_all, R_all[rows])
+    only = _position_only(program)[rows]
+    result = mirror(bench, postures.q, wrench, only, free, lambda done: progress("mirror iteration", done, rows.size))
+    _check_result(program, model, rows, result)
+    written = _write(program, process, rows, result, allow_insert)
+    _refuse(program, written.refusals, keep_refused)
+    progress("reading back", rows.size, rows.size)
+    after, correction = _read_back(
+        program, process, bench, rows, written, result, wrench, R_all[rows], p_all[rows], only, free
+    )
+    sigma, unsupported = _support(program, model, rows, postures.q, wrench)
+    return Compensation(
+        program=program,
+        raw=written.raw,
+        rows=rows,
+        line=program.line[rows].astype(int),
+        target_mm=program.position_mm[rows],
+        correction_mm=correction,
+        force_N=wrench[:3].T,
+        before_mm=result.before * 1e3,
+        one_shot_mm=result.one_shot * 1e3,
+        after_mm=after * 1e3,
+        sigma_mm=sigma * 1e3,
+        unsupported=unsupported,
+        contraction=float(result.contraction.max(initial=0.0)),
+        steps=result.steps,
+        quantum_mm=float(np.nanmax(quantum_mm(program)[rows])),
+        method=postures.method,
+        refusals=(*program.refusals, *written.refusals),
+        insertions=written.insertions,
+        notes=_notes(program, process, rows, only, sigma, unsupported, after, correction),
+    )
+
+
+def _refuse(program: Program, refusals: tuple[Refusal, ...], keep: bool) -> None:
+    """Raise InputError for motions under force that cannot be corrected, unless they may stay."""
+    bad = [r for r in refusals if r.fatal or (r.carries_force and not keep)]
+    if not bad:
+        return
+    lines = "\n".join(
+        f"{program.path}, line {r.line}{f', column {r.column}' if r.column else ''}: {r.reason}" for r in bad[:20]
+    )
+    more = f"\n... and {len(bad) - 20} more" if len(bad) > 20 else ""
+    fatal = any(r.fatal for r in bad)
+    mend = "" if fatal else "\nMend these lines, or leave them uncorrected with --keep-refused"
+    words = " (words that are missing can be inserted with --allow-insert)" if any(r.words for r in bad) else ""
+    raise InputError(f"{lines}{more}{mend}{words}." if mend else f"{lines}{more}")
+
+
+def _targets(program: Program, process: Process, bench: Bench, start: Floats) -> tuple[Floats, Floats]:
+    """TCP poses (P, 3, 3), (P, 3) in the world of all rows of the program, m."""
+    R_WB, p_WB = process.base
+    abc = program.abc_deg
+    known = np.asarray(np.isfinite(abc).all(axis=1))
+    R = R_WB @ rotation_from_abc(np.where(known[:, None], abc, 0.0))
+    # A table without angles is cut with the orientation that the posture has.
+    R[~known] = bench.commanded(start[:, None])[0][:, :, 0]
+    return R, program.position_mm * 1e-3 @ R_WB.T + p_WB
+
+
+def _position_only(program: Program) -> NDArray[np.bool_]:
+    return np.asarray(program.position_only | ~np.isfinite(program.abc_deg).all(axis=1))
+
+
+def _postures(
+    program: Program,
+    model: Model,
+    bench: Bench,
+    rows: NDArray[np.int_],
+    R: Floats,
+    p: Floats,
+    start: Floats,
+    given: dict[int, Floats],
+) -> Postures:
+    """Joints along the path, or the lines where there are none."""
+    R_WE = R @ bench.R_ET.T
+    postures = along_path(model.arm, R_WE, p - np.einsum("nij,j->ni", R_WE, bench.p_ET), start, given)
+    if not postures.reached.all():
+        _fail(program, rows[~postures.reached], "out of reach of the arm")
+    outside = outside_limits(model.arm, postures.q)
+    if outside:
+        joint = model.arm.joint_names[outside[0][1]]
+        _fail(program, rows[sorted({row for row, _ in outside})], f"outside the joint limits (first: joint '{joint}')")
+    margin = singularity_margin(model.arm, postures.q)
+    if (margin < SINGULAR_BELOW).any():
+        _fail(
+            program,
+            rows[margin < SINGULAR_BELOW],
+            f"at a singularity (margin {margin.min():.2g}, at least {SINGULAR_BELOW:g} is needed)",
+        )
+    return postures
+
+
+def _fail(program: Program, rows: NDArray[np.int_], what: str) -> None:
+    lines = list(dict.fromkeys(program.line[rows].tolist()))
+    shown = ", ".join(map(str, lines[:20])) + (f" and {len(lines) - 20} more" if len(lines) > 20 else "")
+    raise UntrustworthyError(
+        f"{program.path}: {len(lines)} line{'s' * (len(lines) > 1)} {what}: line {shown}. Check workpiece, posture_deg and tool.tcp, or "
+        "move the workpiece."
+    )
+
+
+def _check_result(program: Program, model: Model, rows: NDArray[np.int_], result: Corrected) -> None:
+    """Refuse corrections that did not converge or that leave the limits."""
+    if not result.converged.all():
+        worst = float(result.contraction.max())
+        _fail(
+            program,
+            rows[~result.converged],
+            f"whose mirror iteration does not come to rest (steps shrink by {worst:.2g} only)",
+        )
+    outside = outside_limits(model.arm, result.q)
+    if outside:
+        _fail(program, rows[sorted({row for row, _ in outside})], "outside the joint limits once corrected")
+
+
+def _write(
+    program: Program, process: Process, rows: NDArray[np.int_], result: Corrected, allow_insert: bool
+) -> Rewritten:
+    R_WB, p_WB = process.base
+    position, abc = program.position_mm.copy(), program.abc_deg.copy()
+    position[rows] = (result.p.T - p_WB) @ R_WB * 1e3
+    R = np.einsum("ji,jkn->nik", R_WB, result.R)
+    near = program.abc_deg[rows]
+    known = np.isfinite(near).all(axis=1)
+    abc[rows[known]] = abc_from_rotation(R[known], near[known])
+    change = np.zeros(len(program), dtype=bool)
+    change[rows] = True
+    return rewrite(program, position, abc, change, allow_insert=allow_insert)
+
+
+def _read_back(
+    program: Program,
+    process: Process,
+    bench: Bench,
+    rows: NDArray[np.int_],
+    written: Rewritten,
+    result: Corrected,
+    wrench: Floats,
+    R0: Floats,
+    p0: Floats,
+    only: NDArray[np.bool_],
+    free: list[int],
+) -> tuple[Floats, Floats]:
+    """Predicted distance from the wanted place with the numbers as printed (N,), and how far they moved (N, 3) mm."""
+    printed = _parse_again(program, written.raw)
+    R, p = _targets(printed, process, bench, result.q[:, 0])
+    R_goal = np.where(only, R0.transpose(1, 2, 0), R[rows].transpose(1, 2, 0))
+    q = reach(bench, result.q, R_goal, p[rows].T, free)
+    off = deviation(bench, q, wrench, R0.transpose(1, 2, 0), p0.T, only)
+    return np.sqrt((off[:3] ** 2).sum(axis=0)), printed.position_mm[rows] - program.position_mm[rows]
+
+
+def _parse_again(program: Program, raw: bytes) -> Program:
+    dialect = next(d for d in DIALECTS if d.name == program.dialect)
+    printed = dialect.parse(raw, program.path)
+    if len(printed) != len(program):
+        raise AssertionError("the corrected program reads as another number of motions")  # a fault of ours: exit code 1
+    return printed
+
+
+def _support(
+    program: Program, model: Model, rows: NDArray[np.int_], q: Floats, wrench: Floats
+) -> tuple[Floats, Floats]:
+    """Sigma (m) and unsupported share at points along the path; refuse what the campaign does not support."""
+    some = np.unique(np.linspace(0, rows.size - 1, min(_SUPPORT_POINTS, rows.size)).astype(int))
+    support = tool_support(model, Cases(q[:, some], wrench[:, some], model.tcp[1]))
+    share = support.unsupported
+    if (share > REFUSE_ABOVE).any():
+        _fail(
+            program,
+            rows[some[share > REFUSE_ABOVE]],
+            f"where the model's campaign does not support the prediction (up to {100 * share.max():.0f} % of it rests on "
+            "compliances that its loads and postures never showed)",
+        )
+    return np.sqrt((support.sigma**2).sum(axis=1)), share
+
+
+def _notes(
+    program: Program,
+    process: Process,
+    rows: NDArray[np.int_],
+    only: NDArray[np.bool_],
+    sigma: Floats,
+    unsupported: Floats,
+    after: Floats,
+    correction: Floats,
+) -> list[str]:
+    notes = [f"line {n.line}: {n.reason}" for n in program.notes[:20]]
+    notes += list(program.warnings)
+    if only.any():
+        notes.append(
+            f"{int(only.sum())} of {rows.size} points write no orientation: only their positions were corrected"
+        )
+    share = float(unsupported.max(initial=0.0))
+    if share > WARN_ABOVE:
+        notes.append(f"up to {100 * share:.0f} % of the prediction is not supported by the model's campaign")
+    if np.isnan(sigma).all():
+        notes.append("the model carries no statistics: its own uncertainty is not known")
+    if process.reference == "rigid":
+        notes.append(
+            "sag under weight is corrected too (reference: rigid): the robot must not have its own sag compensation on"
+        )
+    coarse = float(np.nanmax(quantum_mm(program)[rows]))
+    largest = float(np.linalg.norm(correction, axis=1).max())
+    if coarse > 0.2 * max(largest, 1e-9):
+        notes.append(
+            f"the program prints to {2 * coarse:g} mm, while the largest correction is {largest:.3f} mm; print more decimals"
+        )
+    return notes

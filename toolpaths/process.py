@@ -1,0 +1,197 @@
+"""How a program is machined: `process.yaml`, validated, and checked against model and program."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field, PrivateAttr, model_validator
+
+from drake_stiffness.cell import Pose, read_cell
+from drake_stiffness.errors import InputError
+from drake_stiffness.files import Document, read_yaml
+from drake_stiffness.model import Model
+from drake_stiffness.rotations import rpy_rotation
+from toolpaths.orientation import rotation_from_abc
+from toolpaths.program import Program
+
+Floats = NDArray[np.float64]
+Frame = Literal["tool", "path", "workpiece", "world"]
+
+# Frames set in a program agree with process.yaml when they differ by less than controllers resolve.
+_FRAME_MM, _FRAME_DEG = 0.01, 0.001
+
+
+class ConstantForce(Document):
+    """A force and moment on the tool at the TCP, the same at every corrected point."""
+
+    fx_N: float = 0.0
+    fy_N: float = 0.0
+    fz_N: float = 0.0
+    mx_Nm: float = 0.0
+    my_Nm: float = 0.0
+    mz_Nm: float = 0.0
+    frame: Frame
+
+    @property
+    def wrench(self) -> Floats:
+        """(6,) in the frame's axes."""
+        return np.array([self.fx_N, self.fy_N, self.fz_N, self.mx_Nm, self.my_Nm, self.mz_Nm])
+
+
+class Force(Document):
+    """One of a constant or a table (with the frame of its columns)."""
+
+    constant: ConstantForce | None = None
+    table: str | None = None
+    frame: Frame | None = None
+
+    @model_validator(mode="after")
+    def _one_of(self) -> Force:
+        if (self.constant is None) == (self.table is None):
+            raise ValueError("give exactly one of constant and table (cutting-force models are not in this version)")
+        if self.table is not None and self.frame is None:
+            raise ValueError("a force table needs frame: tool, path, workpiece or world")
+        if self.constant is not None and self.frame is not None:
+            raise ValueError("frame belongs inside constant")
+        return self
+
+
+class Process(Document):
+    """The content of `process.yaml` (FORMATS: process.yaml)."""
+
+    cell: str | None = None
+    workpiece: Pose = Pose()
+    posture_deg: tuple[float, ...] = Field(min_length=1)
+    external_axes: dict[str, str] = Field(default_factory=dict)
+    reference: Literal["unloaded", "rigid"] = "unloaded"
+    geometry: bool = False
+    force: Force
+
+    _path: Path = PrivateAttr(default=Path())
+
+    @property
+    def path(self) -> Path:
+        """The file it was read from; paths inside are relative to it."""
+        return self._path
+
+    @property
+    def base(self) -> tuple[Floats, Floats]:
+        """Rotation (3, 3) and position (3,) of the program's base frame in the world."""
+        return rpy_rotation(np.radians(self.workpiece.rpy_deg)), np.array(self.workpiece.position_m)
+
+
+def read_process(path: Path | str) -> Process:
+    """Read and validate a `process.yaml`; InputError names file, key, value and remedy."""
+    path = Path(path)
+    process = read_yaml(path, Process, "a process description (process.yaml)")
+    process._path = path
+    return process
+
+
+def check_model(process: Process, model: Model) -> None:
+    """Raise InputError if process.yaml names a cell that the model is not of (its springs may differ)."""
+    if process.cell is None:
+        return
+    path = process.path.parent / process.cell
+    named = _identity(read_cell(path).model_dump(mode="json"))
+    own = _identity(model.cell)
+    for key, value in named.items():
+        if value != own.get(key):
+            raise InputError(
+                f"{process.path}: the model is of another cell than {path}: {key} is {own.get(key)} in the model, {value} in "
+                "the cell. Identify a model of this cell, or name the cell the model was made from."
+            )
+
+
+def _identity(cell: dict[str, Any]) -> dict[str, Any]:
+    """What makes a cell this cell, flat; springs are how it is modelled, not what it is."""
+    flat: dict[str, Any] = {
+        "robot.model": Path(cell["robot"]["model"]).name,
+        "robot.flange": cell["robot"]["flange"],
+        "robot.joints": cell["robot"].get("joints"),
+        "gravity_m_per_s2": list(cell["gravity_m_per_s2"]),
+        "tool.mass_kg": cell["tool"]["mass_kg"],
+        "tool.center_of_mass_m": list(cell["tool"]["center_of_mass_m"]),
+    }
+    tcp = cell["tool"]["tcp"]
+    flat |= {"tool.tcp.position_m": list(tcp["position_m"]), "tool.tcp.rpy_deg": list(tcp["rpy_deg"])}
+    return flat
+
+
+def check_frames(process: Process, program: Program, model: Model) -> None:
+    """Raise InputError if a frame that the program itself sets disagrees with process.yaml or the cell."""
+    R_WB, p_WB = process.base
+    R_ET, p_ET = model.tcp
+    for setting in program.frames:
+        if setting.origin == "controller":
+            continue  # its numbers live in the controller; process.yaml and the cell state them
+        name = "$BASE" if setting.what == "base" else "$TOOL"
+        where = f"{program.path}, line {setting.line}: {setting.text.strip()}"
+        if setting.origin == "expression" or setting.pose is None or np.isnan(setting.pose).any():
+            raise InputError(
+                f"{where}: {name} is computed or only partly written, so where the points lie is not known. Write it as a literal "
+                "{X .., Y .., Z .., A .., B .., C ..} or take it from the controller by number."
+            )
+        R, p = (R_WB, p_WB) if setting.what == "base" else (R_ET, p_ET)
+        pose = np.array(setting.pose)
+        turn = R.T @ rotation_from_abc(pose[None, 3:])[0]
+        angle = np.degrees(np.arccos(np.clip((np.trace(turn) - 1) / 2, -1, 1)))
+        distance = float(np.linalg.norm(pose[:3] - p * 1e3))
+        if distance > _FRAME_MM or angle > max(_FRAME_DEG, 2e-6):
+            key = "workpiece of process.yaml" if setting.what == "base" else "tool.tcp of the model's cell"
+            raise InputError(
+                f"{where}: differs from {key} by {distance:.3f} mm and {angle:.4f} deg; the program would be corrected in the wrong "
+                "place. Make the two agree."
+            )
+
+
+def posture(process: Process, model: Model) -> Floats:
+    """(n,) the posture that picks the branch, rad and m.
+
+    `posture_deg` lists the revolute joints from base to flange, or all joints with prismatic ones in mm.
+    """
+    arm = model.arm
+    revolute = [not p for p in arm.prismatic]
+    given = np.array(process.posture_deg)
+    q = np.zeros(arm.num_joints)
+    if given.size == arm.num_joints:
+        q = given * np.where(arm.prismatic, 1e-3, np.pi / 180)
+    elif given.size == sum(revolute):
+        q[revolute] = np.radians(given)
+    else:
+        raise InputError(
+            f"{process.path}: posture_deg has {given.size} numbers; the arm has {sum(revolute)} revolute joints of {arm.num_joints} "
+            f"({', '.join(arm.joint_names)}). Give the revolute ones in degrees, or all with prismatic ones in mm."
+        )
+    return q
+
+
+def external_positions(process: Process, program: Program, model: Model, rows: NDArray[np.int_]) -> dict[int, Floats]:
+    """Joint number to position (rows,), rad or m, of joints that words of the program drive.
+
+    Raises
+    ------
+    InputError
+        If a word or joint does not exist, or a row does not say the word.
+    """
+    arm, found = model.arm, {}
+    for word, joint in process.external_axes.items():
+        if joint not in arm.joint_names:
+            raise InputError(
+                f"{process.path}: external_axes: '{word}' drives '{joint}', which the arm does not have; it has "
+                f"{', '.join(arm.joint_names)}."
+            )
+        name = word.upper()
+        if not (len(name) == 2 and name[0] == "E" and name[1] in "123456"):
+            raise InputError(f"{process.path}: external_axes: '{word}' is no external word; expected E1 .. E6.")
+        number = arm.joint_names.index(joint)
+        written = program.external[rows, int(name[1]) - 1]
+        for row in np.flatnonzero(np.isnan(written))[:1].tolist():
+            raise InputError(
+                f"{program.path}, line {program.line[rows[row]]}: {name} is not known here, but it drives '{joint}'; write it."
+            )
+        found[number] = written * (1e-3 if arm.prismatic[number] else np.pi / 180)
+    return found
