@@ -21,8 +21,8 @@ from drake_stiffness.rotations import Array
 from drake_stiffness.sensitivity import sensitivity
 
 # Beyond this share a prediction is refused (exit code 3); beyond the smaller one the user is warned.
-REFUSE_ABOVE = 0.5
-WARN_ABOVE = 0.1
+REFUSE_ABOVE = 0.2
+WARN_ABOVE = 0.02
 
 
 @dataclass(frozen=True, eq=False)

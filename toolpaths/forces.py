@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from drake_stiffness.errors import InputError
 from drake_stiffness.tables import read_table
-from toolpaths.process import Process
+from toolpaths.process import FRAMES, Process
 from toolpaths.program import Program
 
 Floats = NDArray[np.float64]
@@ -34,50 +34,60 @@ def wrenches(process: Process, program: Program, rows: NDArray[np.int_], p_W: Fl
     InputError
         If a force table does not fit the program, or path axes are not defined where they are needed.
     """
-    local = _stated(process, program, rows)
-    frame = process.force.constant.frame if process.force.constant is not None else process.force.frame
-    if frame == "world":
-        return local.T.copy()
-    if frame == "workpiece":
-        axes = np.broadcast_to(process.base[0], (rows.size, 3, 3))
-    elif frame == "tool":
-        axes = R_WT
-    else:
-        axes = path_axes(program, rows, p_W, R_WT, needed=np.abs(local[:, [0, 1, 3, 4]]).max(axis=1) > 0)
+    local, frame = _stated(process, program, rows)
+    axes = np.broadcast_to(np.eye(3), (rows.size, 3, 3)).copy()
+    axes[frame == "workpiece"] = process.base[0]
+    axes[frame == "tool"] = R_WT[frame == "tool"]
+    along = frame == "path"
+    if along.any():
+        turns = np.abs(local[:, [0, 1, 3, 4]]).max(axis=1) > 0
+        axes[along] = path_axes(program, rows, p_W, R_WT, needed=turns & along)[along]
     force = np.einsum("nij,nj->in", axes, local[:, :3])
     moment = np.einsum("nij,nj->in", axes, local[:, 3:])
     return np.concatenate([force, moment])
 
 
-def _stated(process: Process, program: Program, rows: NDArray[np.int_]) -> Floats:
-    """(N, 6) in the stated frame; an arc's auxiliary pose has the load of its motion."""
-    if process.force.constant is not None:
-        return np.broadcast_to(process.force.constant.wrench, (rows.size, 6))
+def _stated(process: Process, program: Program, rows: NDArray[np.int_]) -> tuple[Floats, NDArray[np.str_]]:
+    """Loads (N, 6) and the frame (N,) they are stated in; an arc's auxiliary pose has the load of its motion."""
+    constant = process.force.constant
+    if constant is not None:
+        return np.broadcast_to(constant.wrench, (rows.size, 6)), np.full(rows.size, constant.frame)
     assert process.force.table is not None
-    table = read_force_table(process.path.parent / process.force.table)
-    motion = np.cumsum(program.role[rows] != "end") - 1
+    path = process.path.parent / process.force.table
+    table, frame = read_force_table(path, process.force.frame or "tool")
     # "via" opens a motion, "end" closes the same one.
+    motion = np.cumsum(program.role[rows] != "end") - 1
     number = int(motion[-1]) + 1 if motion.size else 0
     if table.shape[0] != number:
         raise InputError(
-            f"{process.path.parent / process.force.table}: {table.shape[0]} rows, but {program.path} has {number} corrected motions "
-            "(linear and circular moves); expected one row per corrected motion, in order."
+            f"{path}: {table.shape[0]} rows, but {program.path} has {number} corrected motions (linear and circular moves); expected "
+            "one row per corrected motion, in order."
         )
-    return table[motion]
+    return table[motion], frame[motion]
 
 
-def read_force_table(path: Path) -> Floats:
-    """(N, 6) forces and moments in SI; columns not given are zero."""
+def read_force_table(path: Path, default: str) -> tuple[Floats, NDArray[np.str_]]:
+    """Forces and moments (N, 6) in SI, columns not given being zero, and the frame (N,) of every row.
+
+    Parameters
+    ----------
+    default : str
+        The frame where the table has no column `frame`.
+    """
     table = read_table(path, "a force table with columns fx_N .. mz_Nm")
     units = {"f": ("_N", "_kN"), "m": ("_Nm", "_kNm")}
-    known = {stem + unit for stem, _ in _COLUMNS for unit in units[stem[0]]}
+    known = {stem + unit for stem, _ in _COLUMNS for unit in units[stem[0]]} | {"frame"}
     table.refuse_unknown(known, allowed_prefix="note")
     out = np.zeros((len(table.rows), 6))
     for stem, place in _COLUMNS:
         column = table.quantity(stem, units[stem[0]], required=False)
         if column is not None:
             out[:, place] = column
-    return out
+    frame = [cell or default for cell in table.text("frame")]
+    for row, name in enumerate(frame):
+        if name not in FRAMES:
+            raise InputError(f"{table.where(row, 'frame')}: found '{name}'; expected one of {', '.join(FRAMES)}.")
+    return out, np.array(frame)
 
 
 def path_axes(program: Program, rows: NDArray[np.int_], p_W: Floats, R_WT: Floats, needed: NDArray[np.bool_]) -> Floats:

@@ -374,6 +374,8 @@ def _notes(
         notes.append(f"up to {100 * share:.0f} % of the prediction is not supported by the model's campaign")
     if np.isnan(sigma).all():
         notes.append("the model carries no statistics: its own uncertainty is not known")
+    if process.force.table is not None and process.force.frame is None:
+        notes.append("the force table was read in tool axes unless its column 'frame' says otherwise")
     if process.reference == "rigid":
         notes.append(
             "sag under weight is corrected too (reference: rigid): the robot must not have its own sag compensation on"

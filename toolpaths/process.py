@@ -19,6 +19,7 @@ from toolpaths.program import Program
 
 Floats = NDArray[np.float64]
 Frame = Literal["tool", "path", "workpiece", "world"]
+FRAMES = ("tool", "path", "workpiece", "world")
 
 # Frames set in a program agree with process.yaml when they differ by less than controllers resolve.
 _FRAME_MM, _FRAME_DEG = 0.01, 0.001
@@ -42,7 +43,7 @@ class ConstantForce(Document):
 
 
 class Force(Document):
-    """One of a constant or a table (with the frame of its columns)."""
+    """One of a constant or a table; a table's frame is its column `frame`, else this key, else the tool's axes."""
 
     constant: ConstantForce | None = None
     table: str | None = None
@@ -52,8 +53,6 @@ class Force(Document):
     def _one_of(self) -> Force:
         if (self.constant is None) == (self.table is None):
             raise ValueError("give exactly one of constant and table (cutting-force models are not in this version)")
-        if self.table is not None and self.frame is None:
-            raise ValueError("a force table needs frame: tool, path, workpiece or world")
         if self.constant is not None and self.frame is not None:
             raise ValueError("frame belongs inside constant")
         return self

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+import xml.etree.ElementTree as ET
 from pathlib import Path
 
 import numpy as np
-from three_arms import random_postures
+from scipy.spatial.transform import Rotation
+from three_arms import TRACK_CELL, TRACK_URDF, random_postures
 
 from drake_stiffness.arm import Arm
 from drake_stiffness.campaign import Measurements, Noise, read_measurements
-from drake_stiffness.cell import Cell
+from drake_stiffness.cell import Cell, read_cell
 from drake_stiffness.effects.effect import Cases
 from drake_stiffness.observation import observe
 
@@ -93,3 +95,26 @@ def hand_made_arm(lengths, axes, masses=None, *, gravity=(0.0, 0.0, 0.0), tool_m
         p_ETool=np.zeros(3),
         gravity=np.array(gravity, dtype=float),
     )
+
+
+def heavier(cell: Cell, x) -> Cell:
+    """The cell with `x = (mass, three moments)` more on the flange, stated as a tool; what a payload error is."""
+    mass = cell.tool.mass_kg + x[0]
+    centre = tuple((mass * np.array(cell.tool.center_of_mass_m) + x[1:]) / mass)
+    other = cell.model_copy(update={"tool": cell.tool.model_copy(update={"mass_kg": mass, "center_of_mass_m": centre})})
+    other._folder = cell._folder
+    return other
+
+
+def reshaped_track(folder: Path, joint: str, x) -> Cell:
+    """The track arm with the frame of a joint moved by (d, exp r) in its own axes, written as a robot description."""
+    robot = ET.fromstring(TRACK_URDF)
+    origin = robot.find(f"joint[@name='{joint}']/origin")
+    R = Rotation.from_euler("xyz", np.array(origin.get("rpy").split(), dtype=float))
+    place = np.array(origin.get("xyz").split(), dtype=float) + R.apply(x[:3])
+    rpy = (R * Rotation.from_rotvec(x[3:])).as_euler("xyz")
+    origin.set("xyz", " ".join(repr(float(v)) for v in place))
+    origin.set("rpy", " ".join(repr(float(v)) for v in rpy))
+    (folder / "reshaped.urdf").write_text(ET.tostring(robot, encoding="unicode"))
+    (folder / "reshaped.yaml").write_text(TRACK_CELL.replace("track.urdf", "reshaped.urdf"))
+    return read_cell(folder / "reshaped.yaml")

@@ -151,7 +151,7 @@ BAD_ROBOTS = {
     "twice": ({"cell": ("track, turn", "track, track")}, ["twice"]),
     "unknown flange": ({"cell": ("flange: mount", "flange: plate")}, ["robot.flange", "'plate'", "mount"]),
     "no joint": ({"cell": ("flange: mount, joints: [track, turn, shoulder, elbow, roll, pitch, spin]", "flange: rail")}, ["no movable joint", "'rail'"]),
-    "ball joint": ({"robot": ('name="turn" type="revolute"', 'name="turn" type="floating"')}, ["'turn'", "revolute or prismatic"]),
+    "ball joint": ({"robot": ('name="turn" type="revolute"', 'name="turn" type="planar"')}, ["'turn'", "revolute or prismatic"]),
     "not xml": ({"robot": ("</robot>", "")}, ["track.urdf", "Drake's parser cannot read"]),
 }  # fmt: skip
 
