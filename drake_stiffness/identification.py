@@ -35,11 +35,19 @@ log = logging.getLogger("drake_stiffness")
 
 Method = Literal["sdp", "least-squares"]
 
-_MAX_OUTER = 30
+_MAX_OUTER = 60
 # The parameters stand when the fitted readings move by less than this, in units of noise over all readings together.
-_STANDS = 1e-6
+_STANDS = 1e-5
+# Below this step, in the same unit, the last linearisation serves to the end.
+_NEAR = 1.0
 # Prior of the linearisation point of least squares: this many typical compliances (see `_regularised`).
 _LOOSE = 30.0
+# Tolerances of the solver, tried in turn.
+_TOLERANCES = (1e-10, 1e-9, 1e-8, 1e-7)
+# Price of unseen directions in the fit, per squared unit of scale: far below what the data say of anything they see.
+_FLAT = 1e-6
+# A departure from least squares (in sigma of all readings together) that the price of unseen directions alone explains.
+_NEGLIGIBLE = 1e-2
 # Directions along which the noise allows more than this many typical compliances are left at minimum norm.
 _HIDDEN = 100.0
 
@@ -93,13 +101,19 @@ def identify(
     """
     if method == "sdp":
         _refuse_full(model)
-    y = measured(o)
     springs = _spring_parameters(model)
+    if o.displacement and springs.any() and not springs.all():
+        # What a tracker's tilt or a zero offset does to displacements shows only on an arm that bends: springs first.
+        alone = model.subset([isinstance(effect, Spring) for effect in model.effects])
+        x = model.x.copy()
+        x[springs] = identify(alone, o, method, progress).model.x
+        model = model.with_x(x)
+    y = measured(o)
     constant = not has_finite_differences(model)
     A, view, program = np.empty((0, 0)), None, None
-    size = np.inf
+    size, damping = np.inf, 1.0
     for iteration in range(1, _MAX_OUTER + 1):
-        if view is None or program is None or not constant:
+        if view is None or program is None or (not constant and size > _NEAR):
             progress(f"iteration {iteration}: observation matrix of {o.rows} rows, {model.x.size} unknowns")
             A = columns(o, model)
             view = analyse(A, coarse=not constant) if view is None else relinearised(view, A)
@@ -111,9 +125,11 @@ def identify(
         program.anchor = np.where(springs, 0.0, x)
         z = view.seen.T @ x + view.pseudo_inverse_seen(A, residual)
         new = program.solve(z) if method == "sdp" else program.regularised(z)
-        moved = view.weight * (view.seen.T @ (new - x))
-        before, size = size, float(np.linalg.norm(moved))
+        before, size = size, float(np.linalg.norm(view.weight * (view.seen.T @ (new - x))))
         progress(f"iteration {iteration}: parameters move by {size:.3g} sigma")
+        # Steps that do not shrink overshoot; half way is still inside every cone, because cones are convex.
+        damping = max(0.5 * damping, 0.125) if size > 0.95 * before else min(1.4 * damping, 1.0)
+        new = x + damping * (new - x)
         model = model.with_x(new * model.scales)
         if size < _STANDS or (size < 1e-3 and size > 0.5 * before):
             break
@@ -156,6 +172,7 @@ class _Program:
         self.anchor = np.zeros(model.x.size)
         self.solver = "closed form (no constraint active)"
         self._fit: Any = None
+        self._completion: Any = None
 
     def least_squares(self, z: Array) -> Array:
         """Minimum-norm least squares (seed eq. 12); directions hidden by the noise stay at minimum norm as well."""
@@ -180,13 +197,17 @@ class _Program:
     def solve(self, z: Array) -> Array:
         """The semidefinite program, then the least-norm completion."""
         x = self.anchor + self.view.seen @ (z - self.view.seen.T @ self.anchor)
-        if not self._constrained() or self._violation(x) <= 0.0:
+        if not self._constrained() or not self.view.rank or self._violation(x) <= 0.0:
             return x
         step, choice = self._solve_fit(x)
-        if np.linalg.norm(step) < 1e-7:
+        if np.linalg.norm(step) < _NEGLIGIBLE:
             # The cone does not bind what the data see, and Clarabel stops within its tolerance: that part is known exactly.
-            step = np.zeros_like(step)
-        return self._project(self._complete(x + (self.view.seen / self.view.weight) @ step, choice))
+            exact = self._complete(x)
+            if exact is not None:
+                return self._project(exact)
+        x = x + (self.view.seen / self.view.weight) @ step
+        completed = self._complete(x)
+        return self._project(x + self._free @ choice if completed is None else completed)
 
     def _constrained(self) -> bool:
         return any(effect.cone_blocks for effect in self.model.effects) or self._bounds()[0].size > 0
@@ -272,7 +293,7 @@ class _Program:
         if not part.size:
             return np.zeros((self.model.x.size, 0))
         _, size, Wt = np.linalg.svd(part, full_matrices=False)
-        return self.view.unseen @ Wt[size > 1e-8].T
+        return self.view.unseen @ Wt[size > 1e-3].T
 
     def _solve_fit(self, x0: Array) -> tuple[Array, Array]:
         """By how much the seen combinations must leave their least-squares values, in units of their noise.
@@ -286,7 +307,9 @@ class _Program:
         if self._fit is None:
             u, y, base = cp.Variable(view.rank), cp.Variable(free.shape[1]), cp.Parameter(x0.size)
             x = base + (view.seen / view.weight) @ u + (free @ y if free.shape[1] else 0)
-            self._fit = (cp.Problem(cp.Minimize(cp.sum_squares(u)), self._constraints(x)), u, y, base)
+            # Without a price on y the program has flat directions, which an interior-point method walks along for ever.
+            cost = cp.sum_squares(u) + (_FLAT * cp.sum_squares(y) if free.shape[1] else 0)
+            self._fit = (cp.Problem(cp.Minimize(cost), self._constraints(x)), u, y, base)
         problem, u, y, base = self._fit
         # Unseen geometry is not at home in this program: only the compliances of x0 enter.
         base.value = np.where(_spring_parameters(self.model), x0, 0.0)
@@ -294,42 +317,49 @@ class _Program:
         self.solver = f"CLARABEL through cvxpy ({problem.solver_stats.num_iters} iterations)"
         return np.asarray(u.value), np.asarray(y.value) if free.shape[1] else np.zeros(0)
 
-    def _complete(self, x0: Array, choice: Array) -> Array:
-        """The springs of least norm among all that the data cannot tell from x0 and the cone allows."""
+    def _complete(self, x0: Array) -> Array | None:
+        """The springs of least norm among all that the data cannot tell from x0 and the cone allows; None if that fails."""
         import cvxpy as cp
 
         free = self._free
         if not free.shape[1]:
             return x0
-        springs = _spring_parameters(self.model)
-        # Cones do not change with the unit, so all is done in units of the largest compliance.
-        size = max(float(np.abs(x0[springs]).max()), 1e-12)
-        y = cp.Variable(free.shape[1])
-        x = np.where(springs, x0, 0.0) / size + free @ y
-        problem = cp.Problem(cp.Minimize(cp.sum_squares(x[np.flatnonzero(springs)])), self._constraints(x))
+        if self._completion is None:
+            y, base = cp.Variable(free.shape[1]), cp.Parameter(x0.size)
+            x = base + free @ y
+            self._completion = (cp.Problem(cp.Minimize(cp.sum_squares(x)), self._constraints(x)), y, base)
+        problem, y, base = self._completion
+        # Cones do not change with the unit, so all is done in units of the largest departure.
+        off = x0 - self.anchor
+        size = max(float(np.abs(off).max()), 1e-12)
+        base.value = off / size
         try:
             _run(problem, "completion")
         except UntrustworthyError:
             log.info("the least-norm completion did not solve; the solver's own choice among equal fits is kept")
-            return x0 + free @ choice
-        return x0 + free @ (np.asarray(y.value) * size)
+            return None
+        return np.asarray(x0 + free @ (np.asarray(y.value) * size))
 
 
 def _run(problem: Any, what: str) -> None:
+    """Solve with Clarabel, tight at first; where rounding stops it short, at looser tolerances."""
     import cvxpy as cp
 
-    try:
-        with warnings.catch_warnings():
-            # At these tolerances Clarabel sometimes ends a little short and cvxpy warns; the status is looked at below.
-            warnings.simplefilter("ignore", UserWarning)
-            # Drake brings an unlicensed MOSEK that cvxpy would pick: always name the solver.
-            problem.solve(solver=cp.CLARABEL, tol_gap_abs=1e-10, tol_gap_rel=1e-10, tol_feas=1e-10, max_iter=200)
-    except cp.error.SolverError as error:
-        raise UntrustworthyError(f"the semidefinite program ({what}) failed in Clarabel: {error}") from None
-    if problem.status not in (cp.OPTIMAL, cp.OPTIMAL_INACCURATE):
-        raise UntrustworthyError(
-            f"the semidefinite program ({what}) ended as '{problem.status}'; the data contradict every positive-semidefinite compliance."
-        )
+    for tolerance in _TOLERANCES:
+        try:
+            with warnings.catch_warnings():
+                # Clarabel sometimes ends a little short of a tight tolerance and cvxpy warns; the status says the same.
+                warnings.simplefilter("ignore", UserWarning)
+                # Drake brings an unlicensed MOSEK that cvxpy would pick: always name the solver.
+                problem.solve(
+                    solver=cp.CLARABEL, tol_gap_abs=tolerance, tol_gap_rel=tolerance, tol_feas=tolerance, max_iter=200
+                )
+        except cp.error.SolverError:
+            continue
+        if problem.status == cp.OPTIMAL:
+            return
+    if problem.status != cp.OPTIMAL_INACCURATE:
+        raise UntrustworthyError(f"the semidefinite program ({what}) ended as '{problem.status}' in Clarabel.")
 
 
 def smallest_eigenvalue(model: Model) -> float:

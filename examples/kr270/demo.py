@@ -26,7 +26,8 @@ def rows_of(trial: Trial) -> list[DemoRow]:
         "oracle (true structure, same data)": trial.oracle,
     }
     return [
-        DemoRow(name, e.mean_mm, e.p95_mm, e.max_mm, e.percent_compensated(trial.uncompensated)) for name, e in named.items()
+        DemoRow(name, e.mean_mm, e.p95_mm, e.max_mm, e.percent_compensated(trial.uncompensated))
+        for name, e in named.items()
     ]
 
 
@@ -88,7 +89,10 @@ def main() -> None:
         "Milling with a KUKA KR 270", rows, robustness, nominal.identified, nominal.compensation, distances
     )
     write_whole(folder / "report.html", page)
-    write_whole(folder / "figures.json", json_text({"rows": [vars(r) for r in rows], "robustness": [vars(r) for r in robustness]}))
+    write_whole(
+        folder / "figures.json",
+        json_text({"rows": [vars(r) for r in rows], "robustness": [vars(r) for r in robustness]}),
+    )
     console.print(f"Corrected program: {folder / 'full.src'}\nModel: {folder / 'model.json'}")
     console.print(f"Report: {(folder / 'report.html').resolve()}")
 

@@ -139,5 +139,10 @@ def _mill(scenario: Scenario, arm: SegmentedArm, folder: Path, corrected: str) -
         q = process.joints(arm.chain, read_poses(folder / PROGRAM))
         errors = joint_errors(arm.chain, q, scenario.repeatability_mm * 1e-3, np.random.default_rng(6))
     return replay_files(
-        arm, folder / PROGRAM, folder / corrected, folder / "process.yaml", force_scale=scenario.force, joint_error=errors
+        arm,
+        folder / PROGRAM,
+        folder / corrected,
+        folder / "process.yaml",
+        force_scale=scenario.force,
+        joint_error=errors,
     )

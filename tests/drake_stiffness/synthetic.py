@@ -23,7 +23,9 @@ def plan(
 ) -> Cases:
     """Experiments of `rest` unloaded steps, then one step a load (3 or 6 numbers); `factor` scales loads."""
     q = random_postures(arm, postures, rng)
-    steps = [np.zeros(6)] * rest + [factor * np.pad(np.asarray(load, dtype=float), (0, 6 - len(load))) for load in loads]
+    steps = [np.zeros(6)] * rest + [
+        factor * np.pad(np.asarray(load, dtype=float), (0, 6 - len(load))) for load in loads
+    ]
     number = len(steps)
     return Cases(
         np.repeat(q, number, axis=1),
@@ -36,7 +38,13 @@ def plan(
 
 
 def table_text(
-    arm: Arm, cases: Cases, points: tuple[str, ...], p: np.ndarray, *, relative: bool = False, turn: np.ndarray | None = None
+    arm: Arm,
+    cases: Cases,
+    points: tuple[str, ...],
+    p: np.ndarray,
+    *,
+    relative: bool = False,
+    turn: np.ndarray | None = None,
 ) -> str:
     """measurements.csv of positions (or displacements) `p (P, 3, N)` in metres and rotations `turn (3, N)`, written in `_m`."""
     units = ["_m" if prismatic else "_rad" for prismatic in arm.prismatic]
@@ -63,9 +71,7 @@ def table(folder: Path, cell: Cell, arm: Arm, cases: Cases, p: np.ndarray, **opt
 
 
 def noise(sigma_m: float, sigma_rad: float | None = None) -> Noise:
-    return Noise(
-        position_sigma_mm=sigma_m * 1e3, orientation_sigma_mrad=None if sigma_rad is None else sigma_rad * 1e3
-    )
+    return Noise(position_sigma_mm=sigma_m * 1e3, orientation_sigma_mrad=None if sigma_rad is None else sigma_rad * 1e3)
 
 
 def watched(folder, cell, arm, cases, p, sigma_m, *, displacement=True, sigma_rad=None, **options):

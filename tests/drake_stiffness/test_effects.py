@@ -165,7 +165,7 @@ def test_the_place_of_an_effect_must_exist(arms, cells):
 
 
 def test_unknown_kinds_and_settings_are_refused():
-    with pytest.raises(InputError, match="'joint_magic'.*joint_compliance"):
+    with pytest.raises(InputError, match=r"'joint_magic'.*joint_compliance"):
         make_effect("joint_magic", "joint_1")
     with pytest.raises(InputError, match="settings"):
         make_effect("payload", "tool", {"colour": "red"})

@@ -86,7 +86,9 @@ def test_a_force_beyond_the_tip_bends_as_the_integral_of_the_moment_says():
     reach, point, F = 0.4, 0.7, 1.0
     # virtual work: deflection where a unit load would act, rigid extension beyond the tip
     expected, _ = quad(lambda x: F * (L + reach - x) * (L + point - x) / EI, 0, L, epsabs=1e-18)
-    moved = linear_displacement(cantilever(), np.zeros((1, 1)), [[0, F, 0, 0, 0, 0]], np.array([point, 0, 0]), np.array([reach, 0, 0]))
+    moved = linear_displacement(
+        cantilever(), np.zeros((1, 1)), [[0, F, 0, 0, 0, 0]], np.array([point, 0, 0]), np.array([reach, 0, 0])
+    )
     slope, _ = quad(lambda x: F * (L + reach - x) / EI, 0, L, epsabs=1e-18)
     assert moved[0] == pytest.approx([0, expected, 0, 0, 0, slope], rel=1e-10, abs=1e-20)
 

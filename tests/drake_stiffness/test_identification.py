@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from scipy.optimize import lsq_linear
 from synthetic import FORWARD, SIDEWAYS, VERTICAL, hand_made_arm, noise, plan, points_of, table, watched
+from three_arms import random_springs
 
 from drake_stiffness.assembly import link_spring, make_model, spring_effects
 from drake_stiffness.cell import Springs
@@ -20,7 +21,6 @@ from drake_stiffness.simulation import simulate_displacement
 from drake_stiffness.statistics import covariance, goodness, statistics
 
 K6 = np.array([0.33e-6, 0.30e-6, 0.42e-6, 2.8e-6, 2.9e-6, 3.4e-6])
-UP = (0, 0, 1500.0)
 
 
 def joints_only(cell, arm):
@@ -33,7 +33,14 @@ def beam_links(arm, rng, size=1.0):
     values = []
     for spring in springs:
         L, b = rng.uniform(0.3, 1.0), size * 1e-7 * rng.uniform(0.5, 2.0, 3)
-        template = {"k11": 0.01 * b[0], "k22": L**2 * b[2] / 3, "k33": L**2 * b[1] / 3, "k44": b[0], "k55": b[1], "k66": b[2]}
+        template = {
+            "k11": 0.01 * b[0],
+            "k22": L**2 * b[2] / 3,
+            "k33": L**2 * b[1] / 3,
+            "k44": b[0],
+            "k55": b[1],
+            "k66": b[2],
+        }
         x = np.zeros((6, 6))
         for name, value in template.items():
             x[int(name[1]) - 1, int(name[2]) - 1] = value
@@ -103,21 +110,21 @@ def test_without_weight_and_with_tiny_loads_all_identifiable_combinations_come_b
             for spring, k in zip(judge.e.link_springs, k_link, strict=True):
                 own = spring.velocity_start() + order
                 p[n, :, i] += J[:3, own] @ k @ at_load[:, own].T @ cases.wrench[:, i]
-    o = watched(tmp_path, weightless, arm, cases, p, 1e-13, relative=True)
+    o = watched(tmp_path, weightless, arm, cases, p, 4e-11, relative=True)
     A = columns(o, model)
     x_true = np.concatenate([K6, *(s.template.values(k) for s, k in zip(springs, k_link, strict=True))])
     for method in ("sdp", "least-squares"):
         solution = identify(model, o, method)
         assert solution.identifiability.rank < 62
-        reached = A @ (solution.model.x - x_true) / model.scales[0]
         # combinations, in the metric of the data: what the campaign reads is reproduced to 1e-8 of itself
         scaled = A @ ((solution.model.x - x_true) / model.scales)
-        assert np.abs(scaled).max() < 1e-6 * np.abs(A @ (x_true / model.scales)).max()
-        assert np.isfinite(reached).all()
+        assert np.abs(scaled).max() < 1e-8 * np.abs(A @ (x_true / model.scales)).max()
 
 
 @pytest.mark.parametrize("method", ["sdp", "least-squares"])
-def test_noise_free_joints_and_links_predict_new_postures_under_full_weight_and_load(tmp_path, arms, cells, judges, method):
+def test_noise_free_joints_and_links_predict_new_postures_under_full_weight_and_load(
+    tmp_path, arms, cells, judges, method
+):
     arm, cell, judge, rng = arms["kr270"], cells["kr270"], judges["kr270"], np.random.default_rng(3)
     springs, k_link = beam_links(arm, rng)
     model = make_model(cell, arm, [*(JointCompliance(n) for n in arm.joint_names), *springs])
@@ -130,7 +137,8 @@ def test_noise_free_joints_and_links_predict_new_postures_under_full_weight_and_
         assert smallest_eigenvalue(solution.model) >= -1e-9
 
 
-LEVEL = 1e-4
+# Weight acts on what the data leave open too, to second order: 2e-5 to 1e-4 of the displacement over seeds.
+LEVEL = 2e-4
 
 
 # -- noisy -----------------------------------------------------------------------------------------------------------------
@@ -197,7 +205,9 @@ def six_unit_loads(tmp_path, cells, model, deflection, sigma):
     wrench = load * np.hstack([np.zeros((6, 1)), np.eye(6), -np.eye(6)])
     cases = Cases(np.zeros((1, 13)), wrench, np.zeros(3), np.zeros(13, dtype=int), np.arange(13), np.zeros(13))
     d = load * np.hstack([np.zeros((6, 1)), deflection, -deflection])
-    cell = cells["kr270"].model_copy(update={"reference_points_m": {"P": (0.0, 0.0, 0.0)}, "load_point_m": (0.0, 0.0, 0.0)})
+    cell = cells["kr270"].model_copy(
+        update={"reference_points_m": {"P": (0.0, 0.0, 0.0)}, "load_point_m": (0.0, 0.0, 0.0)}
+    )
     return watched(tmp_path, cell, model.arm, cases, d[None, :3], sigma, relative=True, turn=d[3:], sigma_rad=sigma)
 
 
@@ -234,7 +244,7 @@ def test_least_squares_of_the_same_data_is_the_symmetric_part_or_with_36_unknown
 def test_the_sdp_is_refused_for_36_independent_entries_with_a_word_why(tmp_path, cells):
     model = one_link("full")
     o = six_unit_loads(tmp_path, cells, model, np.eye(6) * 1e-6, 1e-9)
-    with pytest.raises(InputError, match="symmetric.*least-squares"):
+    with pytest.raises(InputError, match=r"symmetric.*least-squares"):
         identify(model, o, "sdp")
 
 
@@ -270,44 +280,71 @@ def test_joint_compliances_under_sdp_are_nonnegative_least_squares(tmp_path, arm
     assert hidden >= 2
 
 
-def test_where_data_leave_a_choice_the_sdp_takes_the_springs_of_least_norm(tmp_path, arms, cells, judges):
-    """A rival: the same problem as two plain conic programs with whole 6x6 matrices."""
-    arm, cell, rng = arms["kr270"], cells["kr270"], np.random.default_rng(11)
-    springs, k_link = beam_links(arm, rng)
-    few = [0, 2]
-    effects = [*(JointCompliance(n) for n in arm.joint_names), *(LinkCompliance(springs[i].where, "symmetric", "x", arm.length_m) if i else BaseCompliance("base", "symmetric", "x", arm.length_m, "base_link") for i in few)]
-    truth = [k_link[i] if i in few else None for i in range(7)]
-    cases = plan(arm, cell, 8, rng, [VERTICAL, SIDEWAYS])
-    p = judges["kr270"].positions(cases, points_of(cell), K6, truth)
-    model = make_model(cell, arm, effects)
-    o = watched(tmp_path, cell, arm, cases, p + 1e-5 * rng.normal(size=p.shape), 1e-5)
-    solution = identify(model, o)
-    assert solution.identifiability.unseen.shape[1] > 0
-    ours = solution.model.x / model.scales
+def two_symmetric_links(arm, cell, judge, rng, postures):
+    """Joints, base and link 2 as whole symmetric matrices; positive-definite truth; the plan and noise-free readings."""
+    _, k_link = random_springs(arm, rng)
+    truth = [k_link[0], None, k_link[2], None, None, None, None]
+    effects = [
+        *(JointCompliance(n) for n in arm.joint_names),
+        link_spring(arm, "base_link", "symmetric", "x"),
+        link_spring(arm, "link_2", "symmetric", "x"),
+    ]
+    cases = plan(arm, cell, postures, rng, [VERTICAL, SIDEWAYS])
+    return make_model(cell, arm, effects), cases, judge.positions(cases, points_of(cell), K6, truth)
 
-    # around our solution the data are linear: r = A (x - ours); weighted rows kept whole, all cones 6x6
-    Q, R = np.linalg.qr(solution.A)
-    right = Q.T @ (solution.residual + solution.A @ ours)
-    x = cp.Variable(model.x.size)
+
+def whole_matrix_cones(model, x):
+    """Constraints on a cvxpy variable in units of scale, every link as one 6x6 matrix."""
     cones = [x[:6] >= 0]
     for effect, own in zip(model.effects[6:], model.slices[6:], strict=True):
         s = effect.component_scales
         basis = effect.template.basis * np.array([p.scale for p in effect.parameters])[:, None, None] / np.outer(s, s)
         K = sum(x[own][i] * basis[i] for i in range(21))
         cones.append((K + K.T) / 2 >> 0)
-    rival = cp.Problem(cp.Minimize(cp.sum_squares(R @ x - right)), cones)
-    rival.solve(solver=cp.CLARABEL, tol_gap_abs=1e-11, tol_gap_rel=1e-11, tol_feas=1e-11)
-    ours_value = float(((R @ ours - right) ** 2).sum())
-    assert ours_value <= rival.value * (1 + 1e-6) + 1e-6
-    seen = solution.identifiability.seen
-    least = cp.Problem(cp.Minimize(cp.sum_squares(x)), [*cones, seen.T @ x == seen.T @ ours])
-    least.solve(solver=cp.SCS, eps=1e-7, max_iters=200000)
-    assert np.linalg.norm(ours) == pytest.approx(np.linalg.norm(x.value), rel=2e-3)
-    assert smallest_eigenvalue(solution.model) >= -1e-9
-    for effect, own in zip(solution.model.effects[6:], solution.model.slices[6:], strict=True):
+    return cones
+
+
+def scaled_eigenvalues(model):
+    for effect, own in zip(model.effects[6:], model.slices[6:], strict=True):
         s = effect.component_scales
-        scaled = effect.matrix(solution.model.x[own]) / np.outer(s, s)
-        assert np.linalg.eigvalsh(scaled)[0] >= -1e-9 * max(1.0, np.linalg.eigvalsh(scaled)[-1])
+        yield np.linalg.eigvalsh(effect.matrix(model.x[own]) / np.outer(s, s))
+
+
+def test_where_data_leave_a_choice_the_sdp_takes_the_springs_of_least_norm(tmp_path, arms, cells, judges):
+    """A rival: least norm among all whole matrices that the data cannot tell apart, by another solver."""
+    arm, cell = arms["kr270"], cells["kr270"]
+    model, cases, p = two_symmetric_links(arm, cell, judges["kr270"], np.random.default_rng(11), 8)
+    solution = identify(model, watched(tmp_path, cell, arm, cases, p, 1e-5))
+    assert solution.identifiability.unseen.shape[1] > 0
+    ours, seen = solution.model.x / model.scales, solution.identifiability.seen
+    x = cp.Variable(ours.size)
+    rival = cp.Problem(cp.Minimize(cp.sum_squares(x)), [*whole_matrix_cones(model, x), seen.T @ x == seen.T @ ours])
+    rival.solve(solver=cp.SCS, eps=1e-7, max_iters=100000)
+    assert np.linalg.norm(ours) == pytest.approx(np.linalg.norm(x.value), rel=1e-3)
+    assert np.abs(ours - x.value).max() < 2e-2 * np.abs(ours).max()
+    for values in scaled_eigenvalues(solution.model):
+        assert values[0] >= -1e-9 * max(1.0, values[-1])
+
+
+@pytest.mark.parametrize("seed", [11, 12])
+def test_noisy_whole_matrices_come_to_rest_and_fit_as_well_as_a_rival_conic_program(
+    tmp_path, arms, cells, judges, seed
+):
+    arm, cell, rng = arms["kr270"], cells["kr270"], np.random.default_rng(seed)
+    model, cases, p = two_symmetric_links(arm, cell, judges["kr270"], rng, 10)
+    o = watched(tmp_path, cell, arm, cases, p + 1e-5 * rng.normal(size=p.shape), 1e-5)
+    solution = identify(model, o)
+    ours = solution.model.x / model.scales
+    Q, R = np.linalg.qr(solution.A)
+    right = Q.T @ (solution.residual + solution.A @ ours)
+    x = cp.Variable(ours.size)
+    rival = cp.Problem(cp.Minimize(cp.sum_squares(R @ x - right)), whole_matrix_cones(model, x))
+    rival.solve(solver=cp.SCS, eps=1e-7, max_iters=100000)
+    assert (
+        float(((R @ ours - right) ** 2).sum()) <= rival.value + 0.1
+    )  # chi-square: a tenth of one standard deviation squared
+    for values in scaled_eigenvalues(solution.model):
+        assert values[0] >= -1e-9 * max(1.0, values[-1])
 
 
 def test_two_springs_that_act_alike_share_evenly(tmp_path, arms, cells, judges):
@@ -352,7 +389,9 @@ class Shift(Effect):
         return replace(reading, p=reading.p + np.array([[1.0], [1.0], [0.0]]) * x[0])
 
 
-@pytest.mark.parametrize(("truth", "lower", "upper"), [(-2e-3, 0.0, np.inf), (2e-3, -np.inf, 0.0), (2e-3, 0.0, 1e-3), (5e-3, 1e-3, np.inf)])
+@pytest.mark.parametrize(
+    ("truth", "lower", "upper"), [(-2e-3, 0.0, np.inf), (2e-3, -np.inf, 0.0), (2e-3, 0.0, 1e-3), (5e-3, 1e-3, np.inf)]
+)
 def test_bounds_of_an_effect_hold_and_the_rest_is_fitted_to_them(tmp_path, arms, cells, judges, truth, lower, upper):
     """Position data: clamping the shift at its bound changes what fits best for the joints."""
     arm, cell = arms["kr270"], cells["kr270"]

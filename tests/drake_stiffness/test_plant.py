@@ -112,7 +112,12 @@ def test_the_robot_may_come_in_mjcf(tmp_path):
     <body name="l1" pos="0 0 0.5"><joint name="j1" type="hinge" axis="0 0 1"/><geom type="sphere" size="0.1" mass="2"/>
     <body name="l2" pos="0.5 0 0"><joint name="j2" type="slide" axis="0 1 0"/><geom type="sphere" size="0.1" mass="3"/>
     </body></body></body></worldbody></mujoco>"""
-    arm = arm_of(tmp_path, cell="robot: {model: m.xml, flange: l2}\nreference_points_m: {A: [0, 0, 0]}\n", robot=robot, file="m.xml")
+    arm = arm_of(
+        tmp_path,
+        cell="robot: {model: m.xml, flange: l2}\nreference_points_m: {A: [0, 0, 0]}\n",
+        robot=robot,
+        file="m.xml",
+    )
     assert arm.joint_names == ("j1", "j2")
     assert arm.prismatic == (False, True)
     assert forward(arm, np.array([[np.pi / 2], [0.2]])).p_E[:, 0] == pytest.approx([-0.2, 0.5, 0.5], abs=1e-12)

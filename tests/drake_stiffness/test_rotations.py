@@ -58,4 +58,6 @@ def test_a_turn_about_an_axis_and_roll_pitch_yaw_are_scipys():
     axis, angle = np.array([0.6, 0.0, 0.8]), np.array([0.3, -2.0])
     expected = Rotation.from_rotvec(angle[:, None] * axis).as_matrix().transpose(1, 2, 0)
     assert np.allclose(rotation_of_axis(axis, angle), expected, atol=1e-15)
-    assert np.allclose(rpy_rotation((0.1, 0.2, 0.3)), Rotation.from_euler("ZYX", [0.3, 0.2, 0.1]).as_matrix(), atol=1e-15)
+    assert np.allclose(
+        rpy_rotation((0.1, 0.2, 0.3)), Rotation.from_euler("ZYX", [0.3, 0.2, 0.1]).as_matrix(), atol=1e-15
+    )

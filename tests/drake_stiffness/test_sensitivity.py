@@ -51,7 +51,10 @@ def test_columns_of_springs_are_J_omega_J_transposed_W_with_drakes_J_and_weight(
 def test_columns_of_frames_reflectors_and_zero_offsets_of_a_rigid_arm_are_the_textbooks(arms, cells):
     arm, cell = arms["track"], cells["track"]
     effects = [make_effect("tracker_frame", "tracker"), make_effect("reflector_offset", "B")]
-    effects += [make_effect("joint_zero_offset", name, {"prismatic": p}) for name, p in zip(arm.joint_names, arm.prismatic, strict=True)]
+    effects += [
+        make_effect("joint_zero_offset", name, {"prismatic": p})
+        for name, p in zip(arm.joint_names, arm.prismatic, strict=True)
+    ]
     model = make_model(cell, arm, effects)
     cases = plan(arm, cell, 4, np.random.default_rng(1), LOADS)
     case, point = readings(model, cases)
