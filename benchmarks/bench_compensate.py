@@ -83,6 +83,7 @@ def time_compensate(folder: Path) -> dict[str, Any]:
     return {
         **watch.seconds,
         "total": time.perf_counter() - start,
+        "cpu": time.process_time(),
         "imports_mib": before,
         "points": int(result.rows.size),
         "steps": result.steps,
@@ -118,7 +119,8 @@ def time_command(folder: Path) -> dict[str, Any]:
     subprocess.run(command, check=True, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE)
     seconds = time.perf_counter() - start
     unit = 1 if sys.platform == "darwin" else 1024
-    return {"total": seconds, "peak_mib": resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss * unit / 2**20}
+    usage = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return {"total": seconds, "cpu": usage.ru_utime + usage.ru_stime, "peak_mib": usage.ru_maxrss * unit / 2**20}
 
 
 def make_model(folder: Path) -> dict[str, Any]:
@@ -177,6 +179,7 @@ def report(moves: int, size_mib: float, ended: dict[str, Any]) -> None:
             rows.append(
                 [label, f"{f[name]:.2f}", f"{f[name] / moves * 1e6:.1f}", f"{100 * f[name] / f['total']:.0f} %"]
             )
+        rows.append(["CPU seconds of the process", f"{f['cpu']:.2f}", f"{f['cpu'] / moves * 1e6:.1f}", ""])
         rows.append(["moves per second", f"{moves / f['total']:,.0f}", "", ""])
         rows.append(["peak memory, MiB", f"{f['peak_mib']:.0f}", "", ""])
         notes.append(
@@ -185,6 +188,7 @@ def report(moves: int, size_mib: float, ended: dict[str, Any]) -> None:
         )
     if c is not None:
         rows.append(["the command as a user runs it", f"{c['total']:.2f}", f"{c['total'] / moves * 1e6:.1f}", ""])
+        rows.append(["its CPU seconds", f"{c['cpu']:.2f}", f"{c['cpu'] / moves * 1e6:.1f}", ""])
         rows.append(["its peak memory, MiB", f"{c['peak_mib']:.0f}", "", ""])
     if r is not None:
         rows.append(["beside: read and rewrite the file", f"{r['total']:.2f}", f"{r['total'] / moves * 1e6:.1f}", ""])

@@ -18,10 +18,12 @@ from drake_stiffness.rotations import Array
 
 UPPER_RATIO, LOWER_RATIO = 5.0, 2.0
 
-# A direction counts as unseen when one unit of scale (a typical compliance, a millimetre, a milliradian) moves all readings
-# together by less than this many standard deviations: twenty units would still be hidden in the noise. Left in, such a
-# direction takes any value, and springs a thousand times too soft have no loaded equilibrium to linearise at.
-INVISIBLE = 0.05
+# A direction is hidden when one unit of scale (a typical compliance, a millimetre, a milliradian) moves all readings together
+# by less than this many standard deviations: twenty units would still be hidden in the noise. A fit that follows such a
+# direction may take any value, and springs a thousand times too soft have no loaded equilibrium to linearise at.
+HIDDEN_BELOW = 0.05
+# Below this a column or direction counts as zero: ten thousand units would be hidden.
+ZERO_BELOW = 1e-4
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,10 +32,14 @@ class Identifiability:
 
     Attributes
     ----------
-    seen, unseen : (n, rank), (n, n - rank)
-        Orthonormal; together they span all parameters. `seen` are the right singular vectors of the compressed system.
-    weight : (rank,)
-        Singular values: by how many standard deviations all readings together move per unit along a direction.
+    seen : (n, r)
+        Directions that are fitted: right singular vectors of the compressed system, orthonormal.
+    weight : (r,)
+        Their singular values: by how many standard deviations all readings together move per unit along a direction.
+    hidden, hidden_weight : (n, h), (h,)
+        Directions with an influence that the noise hides; they are not fitted, but they have a standard deviation.
+    blind : (n, n - r - h)
+        Directions without influence.
     gap : float
         Smallest seen over largest unseen singular value of the unit-length columns.
     zero : (n,) bool
@@ -43,23 +49,41 @@ class Identifiability:
     """
 
     seen: Array
-    unseen: Array
     weight: Array
+    hidden: Array
+    hidden_weight: Array
+    blind: Array
     gap: float
     zero: NDArray[np.bool_]
     merged: tuple[tuple[int, ...], ...]
 
     @property
-    def rank(self) -> int:
+    def unseen(self) -> Array:
+        """All directions that are not fitted, (n, n - r), orthonormal."""
+        return np.hstack([self.blind, self.hidden])
+
+    @property
+    def fitted(self) -> int:
+        """How many combinations are fitted."""
         return self.weight.size
+
+    @property
+    def rank(self) -> int:
+        """Rank of the observation matrix, hidden directions included."""
+        return self.weight.size + self.hidden_weight.size
 
     def pseudo_inverse_seen(self, A: Array, r: Array) -> Array:
         """Coordinates along the seen directions of the least-squares step for residual r (seed eq. 12)."""
         return (self.seen.T @ (A.T @ r)) / self.weight**2
 
     def covariance(self) -> Array:
-        """Pseudo-inverse of the information (seed eq. 14 on what is determined), in units of scale."""
+        """Pseudo-inverse of the information (seed eq. 14) on what is fitted, in units of scale."""
         half = self.seen / self.weight
+        return half @ half.T
+
+    def hidden_covariance(self) -> Array:
+        """The same on what the noise hides."""
+        half = self.hidden / self.hidden_weight
         return half @ half.T
 
 
@@ -95,7 +119,7 @@ def analyse(A: Array, *, coarse: bool) -> Identifiability:
     n = A.shape[1]
     R = np.asarray(np.linalg.qr(A, mode="r")) if A.shape[0] > n else A
     length = np.linalg.norm(R, axis=0)
-    zero = length <= max(INVISIBLE, 1e-11 * float(length.max(initial=0.0)))
+    zero = length <= max(ZERO_BELOW, 1e-11 * float(length.max(initial=0.0)))
     unit = np.where(zero, 0.0, R / np.where(zero, 1.0, length))
     _, s, Vt = np.linalg.svd(unit, full_matrices=True)
     full = np.zeros(n)
@@ -109,9 +133,18 @@ def analyse(A: Array, *, coarse: bool) -> Identifiability:
     )
     basis = np.linalg.qr(np.hstack([unseen, np.eye(n)]))[0][:, n - rank : n] if rank < n else np.eye(n)
     seen, weight = _principal(R, basis)
-    hidden = weight < INVISIBLE
-    unseen, seen, weight = np.hstack([unseen, seen[:, hidden]]), seen[:, ~hidden], weight[~hidden]
-    return Identifiability(seen, unseen, weight, gap, zero, _merged(unit, zero, rank))
+    nothing, hidden = weight < ZERO_BELOW, (weight >= ZERO_BELOW) & (weight < HIDDEN_BELOW)
+    fitted = ~nothing & ~hidden
+    return Identifiability(
+        seen=seen[:, fitted],
+        weight=weight[fitted],
+        hidden=seen[:, hidden],
+        hidden_weight=weight[hidden],
+        blind=np.hstack([unseen, seen[:, nothing]]),
+        gap=gap,
+        zero=zero,
+        merged=_merged(unit, zero, rank),
+    )
 
 
 def _principal(R: Array, basis: Array) -> tuple[Array, Array]:
@@ -166,10 +199,11 @@ def classify(view: Identifiability, value: Array, sigma: Array) -> tuple[str, ..
         In any common unit; sigma of an undetermined parameter is not looked at.
     """
     groups = []
+    known = determined(view)
     for i in range(value.size):
         if view.zero[i]:
             groups.append("G2")
-        elif not determined(view)[i]:
+        elif not known[i]:
             groups.append("G3")
         else:
             ratio = abs(value[i]) / sigma[i] if sigma[i] > 0 else np.inf
@@ -179,6 +213,6 @@ def classify(view: Identifiability, value: Array, sigma: Array) -> tuple[str, ..
 
 def determined(view: Identifiability) -> NDArray[np.bool_]:
     """(n,) whether a parameter by itself is determined: no unseen direction has a part in it."""
-    if not view.unseen.shape[1]:
-        return np.ones(view.unseen.shape[0], dtype=bool)
-    return np.linalg.norm(view.unseen, axis=1) < 1e-6
+    if not view.blind.shape[1]:
+        return np.ones(view.blind.shape[0], dtype=bool)
+    return np.asarray(np.linalg.norm(view.blind, axis=1) < 1e-6)

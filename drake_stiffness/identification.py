@@ -38,6 +38,8 @@ Method = Literal["sdp", "least-squares"]
 _MAX_OUTER = 60
 # The parameters stand when the fitted readings move by less than this, in units of noise over all readings together.
 _STANDS = 1e-5
+# What is smaller than this, in units of scale, is rounding.
+_ROUNDING = 1e-12
 # Below this step, in the same unit, the last linearisation serves to the end.
 _NEAR = 1.0
 # Prior of the linearisation point of least squares: this many typical compliances (see `_regularised`).
@@ -130,6 +132,7 @@ def identify(
         # Steps that do not shrink overshoot; half way is still inside every cone, because cones are convex.
         damping = max(0.5 * damping, 0.125) if size > 0.95 * before else min(1.4 * damping, 1.0)
         new = x + damping * (new - x)
+        new[np.abs(new) < _ROUNDING] = 0.0
         model = model.with_x(new * model.scales)
         if size < _STANDS or (size < 1e-3 and size > 0.5 * before):
             break
@@ -197,7 +200,7 @@ class _Program:
     def solve(self, z: Array) -> Array:
         """The semidefinite program, then the least-norm completion."""
         x = self.anchor + self.view.seen @ (z - self.view.seen.T @ self.anchor)
-        if not self._constrained() or not self.view.rank or self._violation(x) <= 0.0:
+        if not self._constrained() or not self.view.fitted or self._violation(x) <= 0.0:
             return x
         step, choice = self._solve_fit(x)
         if np.linalg.norm(step) < _NEGLIGIBLE:
@@ -305,7 +308,7 @@ class _Program:
 
         view, free = self.view, self._free
         if self._fit is None:
-            u, y, base = cp.Variable(view.rank), cp.Variable(free.shape[1]), cp.Parameter(x0.size)
+            u, y, base = cp.Variable(view.fitted), cp.Variable(free.shape[1]), cp.Parameter(x0.size)
             x = base + (view.seen / view.weight) @ u + (free @ y if free.shape[1] else 0)
             # Without a price on y the program has flat directions, which an interior-point method walks along for ever.
             cost = cp.sum_squares(u) + (_FLAT * cp.sum_squares(y) if free.shape[1] else 0)

@@ -44,7 +44,7 @@ class GoodnessOfFit:
 def goodness(solution: Solution, o: Observations) -> GoodnessOfFit:
     """Chi-square of whitened residuals; eliminated references and the rank count as fitted."""
     r = solution.residual
-    dof = o.rows - o.references - solution.identifiability.rank
+    dof = o.rows - o.references - solution.identifiability.fitted
     total = float(r @ r)
     readings = o.measurements.case.size
     rms = float(np.sqrt((r[: 3 * readings] ** 2).sum() / max(readings, 1))) * o.sigma_p * 1e3
@@ -62,19 +62,22 @@ def covariance(solution: Solution, o: Observations, fit: GoodnessOfFit) -> tuple
     two experiments per combination the middle is too poor, and eq. (14) is scaled by chi-square instead.
     """
     view = solution.identifiability
-    plain = view.covariance()
+    plain, hidden = view.covariance(), view.hidden_covariance()
     if not fit.rejected:
-        return plain, "stated noise, eq. (14)"
+        return plain + hidden, "stated noise, eq. (14)"
     experiments = int(o.cluster.max()) + 1
-    if experiments < 2 * view.rank:
-        return plain * fit.chi2_per_dof, "eq. (14) scaled by chi-square per degree of freedom (stated noise rejected)"
+    if experiments < 2 * view.fitted:
+        return (
+            plain + hidden
+        ) * fit.chi2_per_dof, "eq. (14) scaled by chi-square per degree of freedom (stated noise rejected)"
     scores = (solution.A @ view.seen) * solution.residual[:, None] / view.weight**2
     order = np.argsort(o.cluster, kind="stable")
     starts = np.flatnonzero(np.diff(o.cluster[order], prepend=-1))
     sums = np.add.reduceat(scores[order], starts, axis=0)
-    inflation = experiments / (experiments - 1) * (o.rows - 1) / max(o.rows - o.references - view.rank, 1)
+    inflation = experiments / (experiments - 1) * (o.rows - 1) / max(o.rows - o.references - view.fitted, 1)
     middle = inflation * sums.T @ sums
-    return view.seen @ middle @ view.seen.T, "sandwich, eq. (13), clustered by experiment (stated noise rejected)"
+    clustered = view.seen @ middle @ view.seen.T + fit.chi2_per_dof * hidden
+    return clustered, "sandwich, eq. (13), clustered by experiment (stated noise rejected)"
 
 
 def statistics(solution: Solution, o: Observations, fit: GoodnessOfFit) -> tuple[Statistics, str]:
@@ -127,7 +130,7 @@ def warnings_of(solution: Solution, statistics: Statistics, fit: GoodnessOfFit, 
     for effect, own in zip(model.effects, model.slices, strict=True):
         groups, names = statistics.group[own], effect.names
         blind = [n for n, g in zip(names, groups, strict=True) if g == "G2"]
-        if len(blind) == len(names):
+        if names and len(blind) == len(names):
             lines.append(
                 f"NOT SEEN: no reading depends on {effect.kind} at '{effect.where}'; its value is not evidence."
             )
@@ -200,6 +203,7 @@ def fit_entry(
         "solver": solution.solver,
         "min_eigenvalue": eigenvalue,
         "rank": view.rank,
+        "hidden_by_noise": view.rank - view.fitted,
         "unknowns": int(view.seen.shape[0]),
         "singular_gap": view.gap,
         "outer_iterations": solution.iterations,

@@ -46,12 +46,12 @@ def arm_figure(arm: Arm, sprung: Sequence[bool], tcp: Floats) -> tuple[str, list
     postures : the two postures shown, rad or m
     """
     postures = [np.zeros(arm.num_joints), bent_posture(arm)]
-    made = f.Figure(figsize=(11.0, 6.0))
+    made = f.Figure(figsize=(11.0, 5.4))
     for place, (q, title) in enumerate(zip(postures, ("all joints at zero", "bent"), strict=True)):
-        ax = made.add_axes((0.5 * place, 0.0, 0.5, 0.95), projection="3d")
+        ax = made.add_axes((0.48 * place, -0.04, 0.52, 1.04), projection="3d", facecolor="none")
         assert isinstance(ax, Axes3D)
         _draw(ax, arm, forward(arm, q[:, None]), sprung, tcp)
-        ax.set_title(title, fontsize=12, y=0.99)
+        made.text(0.04 + 0.5 * place, 0.95, title, fontsize=12, fontweight="bold")
     return f.uri(made), postures
 
 
@@ -102,7 +102,7 @@ def _fit(ax: Axes3D, points: Floats, size: float) -> None:
     half = np.maximum(np.ptp(points, axis=0) / 2 + 0.12 * size, 0.22 * size)
     for set_limits, centre, reach in zip((ax.set_xlim, ax.set_ylim, ax.set_zlim), middle, half, strict=True):
         set_limits(centre - reach, centre + reach)
-    ax.set_box_aspect(tuple(half), zoom=0.98)
+    ax.set_box_aspect(tuple(half), zoom=0.86)
     ax.view_init(elev=22, azim=-58)
     for axis, name, reach in zip((ax.xaxis, ax.yaxis, ax.zaxis), "xyz", half, strict=True):
         axis.set_label_text(f"{name}, m")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 from matplotlib.collections import LineCollection
+from matplotlib.ticker import FuncFormatter
 
 from drake_stiffness.report import figures as f
 
@@ -16,6 +17,14 @@ def path_mm(target_mm: Floats) -> Floats:
     """Length of the path up to every corrected point, (N,) mm."""
     steps = np.linalg.norm(np.diff(target_mm, axis=0), axis=1)
     return np.concatenate([[0.0], np.cumsum(steps)])
+
+
+def _along(ax: f.Axes) -> None:
+    """Path lengths in mm, long ones in m."""
+    long = ax.get_xlim()[1] > 20_000
+    ax.set_xlabel(f"along the path, {'m' if long else 'mm'}")
+    if long:
+        ax.xaxis.set_major_formatter(FuncFormatter(lambda value, place: f"{value / 1000:g}"))
 
 
 def deviation_figure(
@@ -40,7 +49,7 @@ def deviation_figure(
     low = min(float(np.percentile(f.log_mm(v), 2)) for v in (before, one_shot, after))
     ax.set_ylim(bottom=max(low / 3, 0.5 * f.FLOOR_MM))
     ax.set_ylabel("predicted deviation, mm")
-    ax.set_xlabel("along the path, mm")
+    _along(ax)
     f.legend(ax)
     return f.uri(made, many=s_mm.size > f.MANY)
 
@@ -57,7 +66,7 @@ def correction_figure(s_mm: Floats, correction_mm: Floats, force_N: Floats) -> s
         f.legend(ax)
     top.set_ylabel("correction, mm\n(program's base frame)")
     bottom.set_ylabel("force on the tool, N\n(world axes)")
-    bottom.set_xlabel("along the path, mm")
+    _along(bottom)
     return f.uri(made, many=s_mm.size > f.MANY)
 
 

@@ -29,8 +29,10 @@ SERIES = (GREY, ORANGE, BLUE, GREEN, PURPLE, AMBER)
 # More points than this are drawn as PNG, and lines as an envelope of so many pieces.
 MANY = 2000
 PIECES = 800
-# Below this (a picometre in millimetres) a logarithmic axis shows nothing of interest.
-FLOOR_MM = 1e-9
+# Below this (a nanometre) a logarithmic axis shows nothing of interest.
+FLOOR_MM = 1e-6
+# The names that matplotlib draws by lot.
+_RANDOM = "[A-Za-z][0-9a-f]{10}|image[0-9a-f]{8,10}"
 
 
 def new(height: float, rows: int = 1, columns: int = 1, *, width: float = 10.0, **options: Any) -> tuple[Figure, Any]:
@@ -67,10 +69,10 @@ def uri(made: Figure, *, many: bool = False) -> str:
 
 
 def _numbered(drawing: str) -> str:
-    """The same SVG with the random names of clip paths and markers numbered, so that equal input gives equal pages."""
-    names = list(dict.fromkeys(re.findall(r'id="([A-Za-z][0-9a-f]{10})"', drawing)))
+    """The same SVG with the random names of clip paths, markers and images numbered, so that equal input gives equal pages."""
+    names = list(dict.fromkeys(re.findall(rf'id="({_RANDOM})"', drawing)))
     number = {name: f"i{place}" for place, name in enumerate(names)}
-    return re.sub(r'(?<=["#])([A-Za-z][0-9a-f]{10})(?=["_)])', lambda found: number.get(found[1], found[1]), drawing)
+    return re.sub(rf'(?<=["#])({_RANDOM})(?=["_)])', lambda found: number.get(found[1], found[1]), drawing)
 
 
 def plain(text: object) -> str:

@@ -139,8 +139,8 @@ def _figures(result: Identified, e: Evidence, moved_mm: float | None) -> h.Marku
     fit = result.model.fit
     pairs = [
         (h.number(fit["chi2_per_dof"]), "chi-square per degree of freedom (1 = noise)"),
-        (f"{h.number(fit['residual_rms_mm'])} mm", "residual of fitted readings, 3-D RMS"),
-        (f"{h.number(fit['held_out_rms_mm'])} mm", "error of held-out readings, 3-D RMS"),
+        (h.length(fit["residual_rms_mm"]), "residual of fitted readings, 3-D RMS"),
+        (h.length(fit["held_out_rms_mm"]), "error of held-out readings, 3-D RMS"),
         (f"{fit['rank']} of {result.model.x.size}", "independent combinations determined, of all parameters"),
     ]
     if moved_mm is not None:
@@ -176,7 +176,7 @@ def _share_section(result: Identified, s: Any, level: int) -> h.Markup:
     what = "displacement at the campaign's loads" if displacement else "sag of the arm under weight and loads"
     merged = result.model.statistics is not None and "G3" in result.model.statistics.group
     note = (
-        " Between springs that cannot be told apart the split is the least-norm convention; their sum is not."
+        " Between springs that cannot be told apart the split (joints against links too) is the least-norm convention; their sum is not."
         if merged
         else ""
     )
@@ -202,7 +202,7 @@ def _spring_parts(result: Identified) -> list[h.Markup]:
             h.paragraph(
                 f"The constraint that a spring must be passive is active for {_listed(_springs_at(model, fit['active_constraints']))}: these stand at "
                 "the edge, rigid in at least one direction. It is the usual sign of a part stiffer than the noise resolves. Their sigma "
-                "is that of the fit without the constraint, so it is on the safe side."
+                "is that of the fit without the constraint."
             )
         )
     caption = (

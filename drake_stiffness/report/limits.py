@@ -20,16 +20,16 @@ def limits(result: Compensation, model: Model) -> list[h.Markup]:
     held = fit.get("held_out_rms_mm")
     share = float(result.unsupported.max(initial=0.0))
     rows = [
-        ("residual predicted, as printed (mean)", f"{h.number(float(result.after_mm.mean()))} mm", "computed above"),
-        ("half a printed digit, per coordinate", f"{h.number(result.quantum_mm)} mm", "decimals of the program"),
+        ("residual predicted, as printed (mean)", h.length(float(result.after_mm.mean())), "computed above"),
+        ("half a printed digit, per coordinate", h.length(result.quantum_mm), "decimals of the program"),
         (
             "uncertainty of the model, 1 sigma (mean)",
-            f"{h.number(float(sigma.mean()) if sigma.size else None, 2)} mm",
+            h.length(float(sigma.mean()) if sigma.size else None, 2),
             "noise of the campaign, carried to this path and force",
         ),
         (
             "error of the model on held-out readings, 3-D RMS",
-            f"{h.number(held)} mm",
+            h.length(held),
             "at the campaign's loads, noise of the tracker included",
         ),
         (

@@ -94,7 +94,9 @@ def number(value: float | None, digits: int = 3) -> str:
 
 def length(mm: float | None, digits: int = 3) -> str:
     """A length for a sentence: millimetres, below a hundredth of one micrometres."""
-    if mm is None or not math.isfinite(mm) or mm == 0 or abs(mm) >= 0.01:
+    if mm is None or not math.isfinite(mm):
+        return "not known"
+    if mm == 0 or abs(mm) >= 0.01:
         return f"{number(mm, digits)} mm"
     return f"{number(1e3 * mm, min(digits, 2))} µm"
 

@@ -1,0 +1,248 @@
+"""Joints along a path: the branch that was asked for, without jumps, the same from eaik and from Newton's iteration."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from drake_stiffness.arm import forward
+from toolpaths import postures as p
+from toolpaths.postures import along_path, outside_limits, singularity_margin
+
+CUTTING = np.radians([0.0, -70.0, 120.0, 20.0, -50.0, 5.0])
+
+
+def flange(arm, q):
+    """Poses (N, 3, 3), (N, 3) of postures (n, N)."""
+    poses = forward(arm, q)
+    return poses.R_E.transpose(2, 0, 1), poses.p_E.T
+
+
+def smooth(arm, number: int, start=CUTTING, sweep=0.5, seed=2) -> np.ndarray:
+    """(n, N) a smooth walk through joint space from a posture."""
+    rng = np.random.default_rng(seed)
+    t = np.linspace(0.0, 1.0, number)
+    direction = rng.uniform(-1, 1, start.size)
+    return start[:, None] + sweep * direction[:, None] * np.sin(np.pi * t)
+
+
+def other_branches(q) -> list[np.ndarray]:
+    """Wrist flipped: joint 4 half a turn, joint 5 mirrored, joint 6 half a turn back - the same hand."""
+    j1, j2, j3, j4, j5, j6 = q
+    return [
+        np.array([j1, j2, j3, j4 - np.sign(j4) * np.pi, -j5, j6 - np.sign(j6) * np.pi]),
+        np.array([j1, j2, j3, j4 + np.sign(j4) * np.pi, -j5, j6 - np.sign(j6) * np.pi]),
+    ]
+
+
+@pytest.mark.parametrize("q", [CUTTING, np.radians([30.0, -100.0, 60.0, -45.0, 70.0, 120.0])])
+def test_the_posture_picks_the_branch(model, q):
+    arm = model.arm
+    R, x = flange(arm, q[:, None])
+    for wanted in (q, *other_branches(q)):
+        np.testing.assert_allclose(flange(arm, wanted[:, None])[1], x, atol=1e-12)
+        rough = wanted + np.radians([5.0, -4.0, 6.0, -8.0, 7.0, 9.0])
+        found = along_path(arm, R, x, rough, {})
+        assert found.method == "eaik"
+        assert found.reached.all()
+        np.testing.assert_allclose(found.q[:, 0], wanted, atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    "near",
+    [
+        [0, -70, 120, 20, -50, 5],
+        [0, 56, -124, 164, -70, -156],  # elbow the other way
+        [180, 145, 75, 158, 44, 35],  # facing backwards, reaching over
+        [180, -136, -79, -154, -36, -3],  # both
+        [-180, 145, 75, -22, -44, -145],  # a whole turn of joint 1 away
+    ],
+)
+def test_shoulder_and_elbow_branches_are_those_of_the_posture(model, near):
+    """All of them hold the flange where the first does; whoever asks for one gets that one."""
+    arm = replace(model.arm, lower=np.full(6, -2 * np.pi), upper=np.full(6, 2 * np.pi))
+    R, x = flange(arm, CUTTING[:, None])
+    found = along_path(arm, R, x, np.radians(near) + np.radians([4, -5, 6, 5, -4, 6]), {})
+    np.testing.assert_allclose(np.degrees(found.q[:, 0]), near, atol=1.0)
+    got_R, got_x = flange(arm, found.q)
+    np.testing.assert_allclose(got_x, x, atol=1e-9)
+    np.testing.assert_allclose(got_R, R, atol=1e-9)
+
+
+def test_joints_come_back_along_a_path(model):
+    q = smooth(model.arm, 200)
+    found = along_path(model.arm, *flange(model.arm, q), CUTTING, {})
+    assert found.reached.all()
+    np.testing.assert_allclose(found.q, q, atol=1e-8)
+
+
+def test_a_path_runs_through_half_a_turn_without_a_jump(model):
+    """Joint 6 from 170 to 190 degrees, joint 4 from -170 to -190."""
+    q = np.repeat(CUTTING[:, None], 41, axis=1)
+    q[5] = np.radians(np.linspace(170, 190, 41))
+    q[3] = np.radians(np.linspace(-170, -190, 41))
+    found = along_path(model.arm, *flange(model.arm, q), q[:, 0], {})
+    np.testing.assert_allclose(found.q, q, atol=1e-8)
+
+
+@pytest.mark.parametrize("turn", [-300.0, 60.0])
+def test_the_posture_picks_the_turn_too(model, turn):
+    q = CUTTING.copy()
+    q[5] = np.radians(60.0)
+    start = CUTTING.copy()
+    start[5] = np.radians(turn + 10)
+    found = along_path(model.arm, *flange(model.arm, q[:, None]), start, {})
+    assert np.degrees(found.q[5, 0]) == pytest.approx(turn)
+
+
+def test_a_turn_that_leaves_the_limits_is_not_taken(model):
+    """From 340 degrees on to 360: the limit is 350, so the wrist is found a turn back - a jump, which is a fact."""
+    q = CUTTING.copy()
+    q[5] = np.radians(0.0)
+    start = CUTTING.copy()
+    start[5] = np.radians(340.0)
+    found = along_path(model.arm, *flange(model.arm, q[:, None]), start, {})
+    assert np.degrees(found.q[5, 0]) == pytest.approx(0.0, abs=1e-6)
+    assert outside_limits(model.arm, found.q) == []
+
+
+def test_the_branch_of_the_posture_is_kept_even_where_it_leaves_the_limits(model):
+    """Another branch would stay inside, but it is not the one that the user picked: limits are for the caller to report."""
+    upper = model.arm.upper.copy()
+    upper[2] = np.radians(100.0)
+    arm = replace(model.arm, upper=upper)
+    q = smooth(arm, 20, sweep=0.2)
+    found = along_path(arm, *flange(arm, q), CUTTING, {})
+    np.testing.assert_allclose(found.q, q, atol=1e-8)
+    assert {joint for _, joint in outside_limits(arm, found.q)} == {2}
+
+
+@pytest.mark.parametrize("number", [1, 2, 64, 65, 150])
+def test_newton_finds_the_joints_that_eaik_finds(model, monkeypatch, number):
+    q = smooth(model.arm, number, sweep=0.6)
+    R, x = flange(model.arm, q)
+    analytic = along_path(model.arm, R, x, CUTTING, {})
+    monkeypatch.setattr(p, "_analytic", lambda *_: None)
+    newton = along_path(model.arm, R, x, CUTTING, {})
+    assert (analytic.method, newton.method) == ("eaik", "newton")
+    assert newton.reached.all()
+    np.testing.assert_allclose(newton.q, analytic.q, atol=1e-9)
+
+
+def test_an_arm_that_eaik_does_not_know_is_solved_by_newton(model):
+    """A wrist whose axes do not meet."""
+    p_PF = model.arm.p_PF.copy()
+    p_PF[4] += [0.0, 0.03, 0.02]
+    p_PF[5] += [0.0, -0.02, 0.05]
+    p_PF[3] += [0.01, 0.04, 0.0]
+    axis = model.arm.axis_F.copy()
+    axis[1] = [0.1, 1.0, 0.05] / np.linalg.norm([0.1, 1.0, 0.05])
+    axis[4] = [0.05, 1.0, 0.1] / np.linalg.norm([0.05, 1.0, 0.1])
+    arm = replace(model.arm, p_PF=p_PF, axis_F=axis)
+    q = smooth(arm, 90)
+    found = along_path(arm, *flange(arm, q), CUTTING + 0.05, {})
+    assert found.method == "newton"
+    assert found.reached.all()
+    np.testing.assert_allclose(found.q, q, atol=1e-8)
+
+
+@pytest.mark.parametrize("method", ["eaik", "newton"])
+def test_poses_out_of_reach_are_the_only_ones_missing(model, monkeypatch, method):
+    if method == "newton":
+        monkeypatch.setattr(p, "_analytic", lambda *_: None)
+    q = smooth(model.arm, 10)
+    R, x = flange(model.arm, q)
+    x = x.copy()
+    x[[3, 7]] += [4.0, 0.0, 0.0]
+    found = along_path(model.arm, R, x, CUTTING, {})
+    assert np.flatnonzero(~found.reached).tolist() == [3, 7]
+    assert np.isnan(found.q[:, [3, 7]]).all()
+    reached = found.reached
+    np.testing.assert_allclose(found.q[:, reached], q[:, reached], atol=1e-8)
+
+
+@pytest.mark.parametrize("method", ["eaik", "newton"])
+def test_a_pose_a_tenth_of_a_millimetre_out_of_reach_is_out_of_reach(model, monkeypatch, method):
+    """Stretched to the full: the wrist's centre cannot go further out. eaik offers nearest misses; they are no answer."""
+    if method == "newton":
+        monkeypatch.setattr(p, "_analytic", lambda *_: None)
+    arm = replace(model.arm, lower=np.full(6, -7.0), upper=np.full(6, 7.0))
+    straight = np.arctan2(0.041, 1.2)
+    q = np.array([0.1, -0.6, -straight, 0.0, 0.4, 0.0])
+    R, x = flange(arm, q[:, None])
+    shoulder, wrist = (forward(arm, q[:, None]).p_J[k][:, 0] for k in (1, 5))
+    outwards = (wrist - shoulder) / np.linalg.norm(wrist - shoulder)
+    start = q + [0, 0, 0.3, 0, 0, 0]
+    assert not along_path(arm, R, x + 1e-4 * outwards, start, {}).reached.any()
+    assert along_path(arm, R, x - 1e-3 * outwards, start, {}).reached.all()
+
+
+# -- seven joints -----------------------------------------------------------------------------------------------------------
+
+
+def test_a_slide_driven_by_the_program(track_model):
+    arm = track_model.arm
+    q = np.vstack([np.linspace(-1.0, 1.5, 50), smooth(arm, 50)])
+    found = along_path(arm, *flange(arm, q), np.concatenate([[0.0], CUTTING]), {0: q[0]})
+    assert found.method == "eaik"
+    assert found.reached.all()
+    np.testing.assert_allclose(found.q, q, atol=1e-8)
+
+
+def test_a_slide_that_nothing_drives_stands_where_the_posture_says(track_model):
+    arm = track_model.arm
+    q = np.vstack([np.full(20, 0.7), smooth(arm, 20)])
+    R, x = flange(arm, q)
+    found = along_path(arm, R, x, np.concatenate([[0.7], CUTTING]), {})
+    np.testing.assert_allclose(found.q, q, atol=1e-8)
+    elsewhere = along_path(arm, R, x, np.concatenate([[0.6], CUTTING]), {})
+    assert elsewhere.reached.all()
+    np.testing.assert_array_equal(elsewhere.q[0], 0.6)
+    np.testing.assert_allclose(flange(arm, elsewhere.q)[1], x, atol=1e-9)
+
+
+def test_a_driven_joint_inside_the_chain_is_left_to_newton(track_model):
+    arm = track_model.arm
+    q = np.vstack([np.linspace(0, 0.3, 30), smooth(arm, 30)])
+    found = along_path(arm, *flange(arm, q), np.concatenate([[0.0], CUTTING]), {4: q[4]})
+    assert found.method == "newton"
+    assert found.reached.all()
+    np.testing.assert_array_equal(found.q[4], q[4])
+    np.testing.assert_allclose(flange(arm, found.q)[1], flange(arm, q)[1], atol=1e-8)
+
+
+# -- limits and singularities -------------------------------------------------------------------------------------------------
+
+
+def test_outside_limits_names_row_and_joint(model):
+    q = np.repeat(CUTTING[:, None], 3, axis=1)
+    assert outside_limits(model.arm, q) == []
+    q[1, 2] = model.arm.upper[1] + 1e-6
+    q[4, 0] = model.arm.lower[4] - 1e-6
+    assert sorted(outside_limits(model.arm, q)) == [(0, 4), (2, 1)]
+    q[1, 2], q[4, 0] = model.arm.upper[1], model.arm.lower[4]
+    assert outside_limits(model.arm, q) == []
+
+
+def test_the_margin_vanishes_where_the_arm_loses_a_direction(model):
+    wrist = np.radians([[0.0, -70.0, 120.0, 20.0, 0.0, 5.0]]).T
+    elbow = np.array([[0.0, -1.0, -np.arctan2(0.041, 1.2), 0.3, 0.5, 0.2]]).T
+    # the wrist's centre on the axis of joint 1, which then moves it nowhere
+    trial = np.repeat(np.radians([[0.0, -120.0, 0.0, 20.0, 60.0, 5.0]]).T, 20001, axis=1)
+    trial[2] = np.linspace(0.3, 1.5, 20001)
+    overhead = trial[:, [np.abs(forward(model.arm, trial).p_J[4][0]).argmin()]]
+    assert singularity_margin(model.arm, CUTTING[:, None])[0] > 0.05
+    for singular, limit in ((wrist, 1e-12), (elbow, 1e-12), (overhead, 1e-3)):
+        assert singularity_margin(model.arm, singular)[0] < limit
+    near = wrist.copy()
+    near[4] = np.radians(2.0)
+    assert 5e-3 < singularity_margin(model.arm, near)[0] < 0.05
+
+
+def test_the_margin_does_not_depend_on_the_size_of_the_arm(model):
+    arm = model.arm
+    doubled = replace(arm, p_PF=2 * arm.p_PF)
+    q = smooth(arm, 5)
+    np.testing.assert_allclose(singularity_margin(doubled, q), singularity_margin(arm, q), rtol=1e-9)
