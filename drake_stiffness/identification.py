@@ -23,7 +23,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from drake_stiffness.effects.compliance import Spring
+from drake_stiffness.effects.compliance import LinkCompliance, Spring
 from drake_stiffness.errors import InputError, UntrustworthyError
 from drake_stiffness.identifiability import Identifiability, analyse, relinearised
 from drake_stiffness.model import Model
@@ -71,7 +71,9 @@ class Solution:
     iterations : int
     solver : str
     active : tuple of names
-        Effects whose positive-semidefinite constraint is active.
+        Springs whose positive-semidefinite constraint is active.
+    departure : float
+        How far the constraints moved the fit from least squares, in sigma of all readings together.
     """
 
     model: Model
@@ -81,6 +83,7 @@ class Solution:
     iterations: int
     solver: str
     active: tuple[str, ...]
+    departure: float
 
 
 def identify(
@@ -150,7 +153,7 @@ def identify(
         model = model.with_x(program.least_squares(z) * model.scales)
         residual = residual - A @ (model.x / model.scales - new)
     solver = program.solver if method == "sdp" else "QR"
-    return Solution(model, view, A, residual, iteration, solver, active)
+    return Solution(model, view, A, residual, iteration, solver, active, program.departure)
 
 
 def _refuse_full(model: Model) -> None:
@@ -173,6 +176,7 @@ class _Program:
     def __init__(self, model: Model, view: Identifiability) -> None:
         self.model, self.view = model, view
         self.anchor = np.zeros(model.x.size)
+        self.departure = 0.0  # from least squares to the cone, in sigma of all readings together
         self.solver = "closed form (no constraint active)"
         self._fit: Any = None
         self._completion: Any = None
@@ -200,10 +204,12 @@ class _Program:
     def solve(self, z: Array) -> Array:
         """The semidefinite program, then the least-norm completion."""
         x = self.anchor + self.view.seen @ (z - self.view.seen.T @ self.anchor)
+        self.departure = 0.0
         if not self._constrained() or not self.view.fitted or self._violation(x) <= 0.0:
             return x
         step, choice = self._solve_fit(x)
-        if np.linalg.norm(step) < _NEGLIGIBLE:
+        self.departure = float(np.linalg.norm(step))
+        if self.departure < _NEGLIGIBLE:
             # The cone does not bind what the data see, and Clarabel stops within its tolerance: that part is known exactly.
             exact = self._complete(x)
             if exact is not None:
@@ -244,8 +250,13 @@ class _Program:
         return max(worst, float((lower - x[index]).max(initial=-np.inf)))
 
     def active(self, x: Array) -> tuple[str, ...]:
-        """Effects whose smallest eigenvalue is zero to solver accuracy, among blocks that the data see."""
-        found = []
+        """Springs that the cone holds at its border, if it moved what the data see.
+
+        Least norm puts unseen entries on the border too; that is convention and not reported.
+        """
+        found: list[str] = []
+        if self.departure < _NEGLIGIBLE:
+            return ()
         for effect, own in zip(self.model.effects, self.model.slices, strict=True):
             for own_block in effect.cone_blocks:
                 block = np.where(own_block >= 0, own_block + own.start, -1)
@@ -253,7 +264,7 @@ class _Program:
                     continue
                 values = np.linalg.eigvalsh(self._matrix(block, x))
                 if values[0] <= 1e-7 * max(1.0, values[-1]):
-                    found.append(effect.where)
+                    found.append(effect.link_name() if isinstance(effect, LinkCompliance) else effect.where)
                     break
         return tuple(found)
 

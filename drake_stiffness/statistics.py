@@ -153,8 +153,8 @@ def warnings_of(solution: Solution, statistics: Statistics, fit: GoodnessOfFit, 
         )
     if solution.active:
         lines.append(
-            f"BOUNDED: the positive-semidefinite constraint is active for {', '.join(solution.active)}; there the stated sigma is "
-            "that of the unconstrained fit."
+            f"BOUNDED: the positive-semidefinite constraint is active for {', '.join(solution.active)} and moves the fit by "
+            f"{solution.departure:.2g} sigma of all readings together; there the stated sigma is that of the unconstrained fit."
         )
     if fit.dof <= 0:
         lines.append(
@@ -208,6 +208,7 @@ def fit_entry(
         "singular_gap": view.gap,
         "outer_iterations": solution.iterations,
         "active_constraints": list(solution.active),
+        "constraint_departure_sigma": solution.departure,
         "covariance": how,
     }
 

@@ -66,8 +66,13 @@ def show_identification(console: Console, result: Identified) -> None:
         table.add_column(name, justify="right" if name in ("value", "sigma") else "left")
     for i in range(min(model.x.size, _SHOWN)):
         sigma = f"{s.sigma[i]:.2g}" if np.isfinite(s.sigma[i]) else "-"
-        table.add_row(model.names[i], f"{model.x[i]:.4g}", sigma, model.parameters[i].unit, s.group[i])
+        value = f"{model.x[i]:.4g}" if s.group[i].startswith("G1") else f"({model.x[i]:.4g})"
+        table.add_row(model.names[i], value, sigma, model.parameters[i].unit, s.group[i])
     console.print(table)
+    if any(not group.startswith("G1") for group in s.group):
+        console.print(
+            "Values in brackets are a convention (least norm): alone they are not determined by these readings."
+        )
     if model.x.size > _SHOWN:
         console.print(f"... {model.x.size - _SHOWN} more in the model file and the report.")
     fit = model.fit

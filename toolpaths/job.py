@@ -56,6 +56,10 @@ class Compensation:
         Force on the tool, world axes.
     before_mm, one_shot_mm, after_mm : (N,)
         Predicted distance of the tool from where it is wanted: uncorrected, one step of the iteration, and as printed.
+    process : Process
+        What it was corrected for.
+    support_rows : (K,)
+        Which of the N points the next two speak of.
     sigma_mm : (K,)
         Standard deviation of the predicted deflection from the parameters' covariance at some points; NaN where unknown.
     unsupported : (K,)
@@ -84,6 +88,8 @@ class Compensation:
     before_mm: Floats
     one_shot_mm: Floats
     after_mm: Floats
+    process: Process
+    support_rows: NDArray[np.int_]
     sigma_mm: Floats
     unsupported: Floats
     contraction: float
@@ -185,7 +191,7 @@ def compensate(
     after, correction = _read_back(
         program, process, bench, rows, written, result, wrench, R_all[rows], p_all[rows], only, free
     )
-    sigma, unsupported = _support(program, model, rows, postures.q, wrench)
+    some, sigma, unsupported = _support(program, model, rows, postures.q, wrench)
     return Compensation(
         program=program,
         raw=written.raw,
@@ -197,6 +203,8 @@ def compensate(
         before_mm=result.before * 1e3,
         one_shot_mm=result.one_shot * 1e3,
         after_mm=after * 1e3,
+        process=process,
+        support_rows=some,
         sigma_mm=sigma * 1e3,
         unsupported=unsupported,
         contraction=float(result.contraction.max(initial=0.0)),
@@ -338,8 +346,8 @@ def _parse_again(program: Program, raw: bytes) -> Program:
 
 def _support(
     program: Program, model: Model, rows: NDArray[np.int_], q: Floats, wrench: Floats
-) -> tuple[Floats, Floats]:
-    """Sigma (m) and unsupported share at points along the path; refuse what the campaign does not support."""
+) -> tuple[NDArray[np.int_], Floats, Floats]:
+    """Points along the path, their sigma (m) and unsupported share; refuse what the campaign does not support."""
     some = np.unique(np.linspace(0, rows.size - 1, min(_SUPPORT_POINTS, rows.size)).astype(int))
     support = tool_support(model, Cases(q[:, some], wrench[:, some], model.tcp[1]))
     share = support.unsupported
@@ -350,7 +358,7 @@ def _support(
             f"where the model's campaign does not support the prediction (up to {100 * share.max():.0f} % of it rests on "
             "compliances that its loads and postures never showed)",
         )
-    return np.sqrt((support.sigma**2).sum(axis=1)), share
+    return some, np.sqrt((support.sigma**2).sum(axis=1)), share
 
 
 def _notes(

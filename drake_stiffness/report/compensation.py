@@ -114,7 +114,7 @@ def body(result: Compensation, model: Model, level: int) -> h.Markup:
         h.section("What was changed", *_correction(result), level=level),
         h.section("How much of this to believe", *limits(result, model), level=level),
         _lines(result, level),
-        h.section("Conventions", _conventions(), level=level),
+        h.section("Conventions", _conventions(result), level=level),
     )
 
 
@@ -134,7 +134,7 @@ def _tiles(result: Compensation) -> h.Markup:
 def _deviation(result: Compensation) -> list[h.Markup]:
     d = result.to_dict()
     s = plots.path_mm(result.target_mm)
-    sigma_at = s[np.linspace(0, s.size - 1, result.sigma_mm.size).astype(int)]
+    sigma_at = s[result.support_rows]
     picture = plots.deviation_figure(
         s, result.before_mm, result.one_shot_mm, result.after_mm, sigma_at, result.sigma_mm
     )
@@ -225,12 +225,17 @@ def _listing(header: tuple[str, ...], rows: list[Any], total: int) -> h.Markup:
     return h.table(header, rows, caption=more, align="r" + "l" * (len(header) - 1))
 
 
-def _conventions() -> h.Markup:
+def _conventions(result: Compensation) -> h.Markup:
     return h.bullets(
         [
             "Corrections and target points are in the base frame that the program is written in; forces in the axes of the world.",
-            "A deviation is the distance between the tool centre point under force and the pose the program asked for; what the reference "
-            "is (unloaded arm, or rigid arm with sag) is stated in process.yaml.",
+            "A deviation is the distance between the tool centre point under force and the pose the program asked for. "
+            + (
+                "Sag under weight counts (reference: rigid)."
+                if result.process.reference == "rigid"
+                else "What counts is loaded minus unloaded-with-weight at the same commanded joints (reference: unloaded)."
+            ),
+            _force_law(result),
             "Linear and circular motions carry force; point-to-point motions and rapids do not and are never changed.",
             "Only the numbers of pose words change; every other byte of the program stays.",
         ]
@@ -242,6 +247,7 @@ def _provenance(result: Compensation, model: Model) -> h.Markup:
     files: list[tuple[object, object, object]] = [
         ("program", PurePath(result.program.path).name, _sha(result.program.raw)),
         ("corrected program", "(output)", _sha(result.raw)),
+        ("process", result.process.path.name, _sha(result.process.path.read_bytes())),
     ]
     files += [
         (
@@ -256,6 +262,15 @@ def _provenance(result: Compensation, model: Model) -> h.Markup:
         f"{made.get('seed') if made.get('seed') is not None else 'none'}. Inverse kinematics: {result.method}."
     )
     return h.section("Provenance", h.paragraph(text), h.table(("what", "file", "SHA-256"), files))
+
+
+def _force_law(result: Compensation) -> str:
+    """Where the force came from."""
+    force = result.process.force
+    if force.constant is None:
+        return f"The force is from the table {force.table}, one row per corrected motion."
+    parts = [f"{value:g}" for value in force.constant.wrench]
+    return f"The force is constant in {force.constant.frame} axes: ({', '.join(parts[:3])}) N, ({', '.join(parts[3:])}) N m."
 
 
 def _sha(data: bytes) -> h.Markup:

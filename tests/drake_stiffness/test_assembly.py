@@ -29,6 +29,12 @@ def test_springs_of_prismatic_joints_are_metres_per_newton(arms, cells):
     model = make_model(cells["track"], arms["track"], spring_effects(cells["track"], arms["track"]))
     units = dict(zip(model.names, (p.unit for p in model.parameters), strict=True))
     assert (units["track"], units["turn"]) == ("m/N", "rad/(N m)")
+    scales = dict(zip(model.names, (p.scale for p in model.parameters), strict=True))
+    length = np.linalg.norm(arms["track"].p_PF, axis=1).mean()
+    # a spring of typical rotational compliance at a link's length gives way by that much in translation
+    assert scales["track"] == pytest.approx(scales["turn"] * length**2)
+    assert scales["upper.k11"] == pytest.approx(scales["upper.k44"] * length**2)
+    assert scales["upper.k14"] == pytest.approx(scales["upper.k44"] * length)
     assert (units["upper.k11"], units["upper.k14"], units["upper.k44"]) == ("m/N", "rad/N", "rad/(N m)")
 
 

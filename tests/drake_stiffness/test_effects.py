@@ -73,6 +73,8 @@ def test_a_geometric_error_is_a_robot_description_with_the_joint_moved(world, tm
 def test_the_motion_of_the_joint_itself_is_no_geometric_error(arms):
     assert geometry_components(arms["track"], 2) == ("dx", "dy", "dz", "rx", "rz")  # shoulder turns about y
     assert geometry_components(arms["kr270"], 0) == ("dx", "dy", "dz", "rx", "ry")
+    slide = replace(arms["track"], axis_F=np.array([[0, 0, -1.0], *arms["track"].axis_F[1:]]))
+    assert geometry_components(slide, 0) == ("dx", "dy", "rx", "ry", "rz")
     assert len(geometry_components(arms["track"], 1)) == 6  # an axis along no frame axis
 
 

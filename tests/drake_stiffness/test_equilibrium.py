@@ -199,6 +199,14 @@ def test_compliances_far_too_large_are_refused_naming_the_case_the_posture_and_t
     assert "case 2" in str(error.value)
 
 
+def test_the_refusal_counts_cases_over_the_whole_array(arms):
+    arm, rng = arms["kr270"], np.random.default_rng(10)
+    q, wrench = random_postures(arm, 2100, rng), np.zeros((6, 2100))
+    wrench[2, 2070] = -3e6
+    with pytest.raises(UntrustworthyError, match="case 2071,"):
+        solve_equilibrium(Structure(arm, np.full(6, 2e-6), (None,) * 7), Cases(q, wrench, np.zeros(3)))
+
+
 def test_a_hopeless_case_does_not_put_the_blame_on_a_sound_one(arms):
     """The load is so large that the iteration is given up at once, before the sound cases beside it stand."""
     arm, rng = arms["kr270"], np.random.default_rng(10)

@@ -161,12 +161,20 @@ def test_orientations_alone_of_weak_positions_tell_the_joints(tmp_path, world, j
 def test_orientations_count_with_their_own_noise_and_their_own_free_reference(tmp_path, world, judges):
     arm, cell, cases, p, _ = world
     turn, rng = turned(judges["kr270"], cell, cases), np.random.default_rng(3)
-    once = turn + 5e-5 * rng.normal(size=turn.shape)
+    error = 5e-5 * rng.normal(size=turn.shape)
+    first = np.flatnonzero(cases.step == 0)[cases.experiment]
+    once = (
+        turn + error - error[:, first]
+    )  # read as rotation since the first step: that reading's noise is in all of them
+    assert np.array_equal(once[:, first], np.zeros_like(once))
     o = watched(tmp_path, cell, arm, cases, p + SIGMA * rng.normal(size=p.shape), SIGMA, turn=once, sigma_rad=5e-5)
     solution = identify(start(cell, arm), o)
     dof = o.rows - o.references - 6
     assert o.references == 3 * 15 + 3 * 5
     assert float(solution.residual @ solution.residual) / dof == pytest.approx(1.0, abs=5 * np.sqrt(2 / dof))
+    rotations = solution.residual[3 * o.measurements.case.size :]
+    free = rotations.size - 3 * 5
+    assert float(rotations @ rotations) / free == pytest.approx(1.0, abs=4 * np.sqrt(2 / free))
 
 
 def test_orientations_without_their_noise_or_without_unloaded_step_are_refused(tmp_path, world):

@@ -35,7 +35,10 @@ def test_joints_are_found_by_a_tracker_that_stands_anywhere(tmp_path, arms, cell
     )
     begun = starting_model(model, table(tmp_path, cell, arm, cases, seen))
     o = watched(tmp_path, cell, arm, cases, seen, 1e-5, displacement=False)
-    found = identify(begun, o).model.x
+    solution = identify(begun, o)
+    found = solution.model.x
+    information = solution.A.T @ solution.A
+    assert solution.identifiability.covariance() @ information == pytest.approx(np.eye(12), abs=1e-3)
     assert found[:6] == pytest.approx(k, rel=1e-6)
     assert found[6:9] == pytest.approx([3.0, 1.0, 0.2], abs=1e-8)
     assert np.allclose(Rotation.from_rotvec(found[9:]).as_matrix(), Rotation.from_rotvec(r).as_matrix(), atol=1e-8)
