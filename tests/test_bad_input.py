@@ -638,7 +638,7 @@ def test_a_model_with_a_damaged_part_is_the_input_s_fault(job, change):
         # Where a part is not needed the command may well run; it must never call it a fault of the program.
         assert outcome.code in (0, 2), outcome.err
         if outcome.code == 2:
-            assert "model.json" in outcome.err, outcome.err
+            assert re.search("model.json|in the model", outcome.err), outcome.err
         else:
             for path in job.path("out").iterdir():
                 assert "nan" not in path.read_text(encoding="latin-1").casefold()
@@ -838,6 +838,9 @@ def test_waypoints_at_a_singularity_are_named_by_line(job):
 def test_springs_too_soft_for_the_load(job):
     """Too soft to stand: refused as unstable. Soft enough to fold up: refused as not converging."""
     model = job.model()
+    job.write(
+        "plan.csv", "\n".join(job.text("plan.csv").splitlines()[:4]) + "\n"
+    )  # weight alone, the arm above joint 2
     for k, reason in ((3e-3, "no stable equilibrium"), (3e-4, "does not converge")):
         job.write("truth.yaml", TRUTH.replace("0.3e-6", str(k)))
         job.refused("simulate", 3, "posture", "joint_2", "load", reason)

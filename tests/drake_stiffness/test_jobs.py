@@ -44,6 +44,25 @@ def test_a_campaign_is_identified_from_its_files(campaign):
     assert np.sqrt((found.residual_mm**2).sum(axis=0).mean()) == pytest.approx(fit["residual_rms_mm"], rel=1e-9)
 
 
+def test_the_held_out_error_is_that_of_the_held_out_experiments_and_they_take_no_part(campaign):
+    """Loaded readings of what is held out move by a millimetre: the model stays, the held-out error tells."""
+    before = identify_campaign(campaign)
+    held = {name for name, h in zip(before.measurements.experiments, before.held, strict=True) if h}
+    table = campaign.parent / "m.csv"
+    head, *lines = table.read_text().splitlines()
+    x = head.split(",").index("x_m")
+    for number, line in enumerate(lines):
+        cells = line.split(",")
+        if cells[0] in held and cells[1] != "0":
+            cells[x] = repr(float(cells[x]) + 1e-3)
+            lines[number] = ",".join(cells)
+    table.write_text("\n".join([head, *lines]) + "\n")
+    after = identify_campaign(campaign)
+    assert np.array_equal(after.model.x, before.model.x)
+    assert after.model.fit["residual_rms_mm"] == before.model.fit["residual_rms_mm"]
+    assert after.model.fit["held_out_rms_mm"] == pytest.approx(1.0, rel=0.02)
+
+
 def test_same_files_give_the_same_model_but_for_the_time(campaign, tmp_path):
     contents = []
     for name in ("a.json", "b.json"):

@@ -52,3 +52,19 @@ def test_without_a_tracker_frame_or_with_displacements_the_start_stays(tmp_path,
     assert (starting_model(framed, table(tmp_path, cell, arm, cases, p, relative=True)).x == 0).all()
     bare = make_model(cell, arm, [JointCompliance("joint_1")])
     assert starting_model(bare, table(tmp_path, cell, arm, cases, p)) is bare
+
+
+def test_what_frame_and_first_joint_cannot_be_told_apart_by_stays_where_the_start_put_it(tmp_path, arms, cells, judges):
+    """A zero offset of a vertical first joint is a turn of the tracker: the fit is whole, and nothing runs off along it."""
+    arm, cell, r, d = arms["kr270"], cells["kr270"], np.array([0.3, -1.2, 2.0]), np.array([3.0, 1.0, 0.2])
+    cases = plan(arm, cell, 8, np.random.default_rng(3), [VERTICAL])
+    p = judges["kr270"].positions(cases, points_of(cell), np.zeros(6))
+    seen = np.einsum("ba,pbn->pan", Rotation.from_rotvec(r).as_matrix(), p - d[:, None])
+    effects = [make_effect("joint_zero_offset", n) for n in ("joint_1", "joint_3")] + [
+        make_effect("tracker_frame", "tracker")
+    ]
+    begun = starting_model(make_model(cell, arm, effects), table(tmp_path, cell, arm, cases, seen))
+    solution = identify(begun, watched(tmp_path, cell, arm, cases, seen, 1e-5, displacement=False))
+    assert solution.identifiability.rank == 7
+    assert np.abs(solution.residual).max() < 1e-3
+    assert solution.model.x == pytest.approx([0, 0, *d, *r], abs=1e-6)

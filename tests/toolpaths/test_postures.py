@@ -108,6 +108,15 @@ def test_a_turn_that_leaves_the_limits_is_not_taken(model):
     assert outside_limits(model.arm, found.q) == []
 
 
+def test_a_path_that_winds_past_a_limit_is_not_unwound_on_the_way(model):
+    """A linear motion cannot jump a turn: the robot would stop at its limit, so that is what must be reported."""
+    q = np.repeat(CUTTING[:, None], 31, axis=1)
+    q[5] = np.radians(np.linspace(340, 355, 31))
+    found = along_path(model.arm, *flange(model.arm, q), q[:, 0], {})
+    np.testing.assert_allclose(found.q, q, atol=1e-8)
+    assert {joint for _, joint in outside_limits(model.arm, found.q)} == {5}
+
+
 def test_the_branch_of_the_posture_is_kept_even_where_it_leaves_the_limits(model):
     """Another branch would stay inside, but it is not the one that the user picked: limits are for the caller to report."""
     upper = model.arm.upper.copy()
