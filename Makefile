@@ -3,6 +3,9 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 
+# The matrices here are small: more BLAS threads than one only get in each other's way.
+export OPENBLAS_NUM_THREADS := 1
+
 .PHONY: demo test lint bench clean
 
 $(VENV)/.installed: pyproject.toml

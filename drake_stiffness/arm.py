@@ -26,7 +26,7 @@ from drake_stiffness.rotations import (
     multiply,
     rotate,
     rotate_back,
-    rotation_of_axis,
+    turned,
 )
 
 
@@ -142,13 +142,15 @@ def forward(
     N = angles.shape[1]
     R, p = np.broadcast_to(np.eye(3)[:, :, None], (3, 3, 1)), np.zeros((3, 1))
     out = Poses([], [], [], [], [], [], R, p)
+    turns_not = (np.eye(3) == arm.R_PF).all(axis=(1, 2))
     for k in range(n + 1):
         if k:
             out.p_C.append(p + rotate(R, arm.p_MCom[k][:, None]))
         else:
             out.p_C.append(p)
         p = p + rotate(R, arm.p_PF[k][:, None])
-        R = multiply(R, arm.R_PF[k][:, :, None])
+        if not turns_not[k]:
+            R = multiply(R, arm.R_PF[k][:, :, None])
         out.R_F.append(R)
         out.p_F.append(p)
         theta = None if theta_link is None else theta_link[k]
@@ -164,7 +166,7 @@ def forward(
         if arm.prismatic[k]:
             p = p + axis * angles[k]
         else:
-            R = multiply(R, rotation_of_axis(arm.axis_F[k], angles[k]))
+            R = turned(R, arm.axis_F[k], angles[k])
     full = (3, 3, N)
     R_E, p_E = np.broadcast_to(R, full), np.broadcast_to(p, full[1:])
     out.p_C.append(p_E + rotate(R_E, arm.p_ETool[:, None]))

@@ -14,6 +14,9 @@ import typer
 
 from drake_stiffness.errors import InputError, UntrustworthyError
 
+# The matrices here are small: a second BLAS thread costs more than it brings, several times more on a busy machine.
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
 if TYPE_CHECKING:
     from rich.console import Console
 

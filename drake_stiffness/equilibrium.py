@@ -106,8 +106,13 @@ class Equilibrium:
     iterations: int
 
 
-def solve_equilibrium(structure: Structure, cases: Cases) -> Equilibrium:
+def solve_equilibrium(structure: Structure, cases: Cases, start: Equilibrium | None = None) -> Equilibrium:
     """The loaded equilibrium of every case.
+
+    Parameters
+    ----------
+    start : Equilibrium, optional
+        Of the same cases at nearly the same joints: the iteration starts from its deflections.
 
     Raises
     ------
@@ -117,8 +122,8 @@ def solve_equilibrium(structure: Structure, cases: Cases) -> Equilibrium:
     history = bool(structure.others)
     size = cases.number if history else CHUNK  # load history runs over the cases: they stay together
     parts = [
-        _solve_chunk(structure, cases.take(slice(start, start + size)), start)
-        for start in range(0, max(cases.number, 1), max(size, 1))
+        _solve_chunk(structure, cases.take(slice(a, a + size)), a, start)
+        for a in range(0, max(cases.number, 1), max(size, 1))
     ]
     if len(parts) == 1:
         return parts[0]
@@ -135,7 +140,7 @@ def solve_equilibrium(structure: Structure, cases: Cases) -> Equilibrium:
     )
 
 
-def _solve_chunk(structure: Structure, cases: Cases, first: int) -> Equilibrium:
+def _solve_chunk(structure: Structure, cases: Cases, first: int, start: Equilibrium | None) -> Equilibrium:
     arm, N = structure.arm, cases.number
     wrench = cases.wrench
     for effect, x in structure.wrench_effects:
@@ -143,11 +148,17 @@ def _solve_chunk(structure: Structure, cases: Cases, first: int) -> Equilibrium:
     cases = Cases(cases.q, wrench, cases.p_ELoad, cases.experiment, cases.step, cases.time_s)
     theta_joint = np.zeros((arm.num_joints, N))
     theta_link: list[Array | None] = [None if k is None else np.zeros((6, N)) for k in structure.k_link]
-    poses = forward(arm, cases.q)
+    if start is not None:
+        here = slice(first, first + N)
+        theta_joint = start.theta_joint[:, here]
+        theta_link = [None if t is None else t[:, here] for t in start.theta_link]
+    poses = forward(arm, cases.q) if start is None else forward(arm, cases.q, theta_joint, theta_link)
     rate, before = np.zeros(N), np.full(N, np.inf)
     if structure.is_rigid:
         return Equilibrium(poses.R_E, poses.p_E, theta_joint, tuple(theta_link), rate, 0)
-    weight = torques(arm, poses, np.zeros_like(wrench), cases.p_ELoad)[0] if structure.others else theta_joint
+    weight = theta_joint
+    if structure.others:
+        weight = torques(arm, forward(arm, cases.q), np.zeros_like(wrench), cases.p_ELoad)[0]
     iteration = 0
     while iteration < _MAX_ITERATIONS:
         iteration += 1

@@ -18,6 +18,7 @@ import logging
 import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, Literal
 
 import numpy as np
@@ -300,7 +301,7 @@ class _Program:
             constraints.append(x[index] >= lower)
         return constraints
 
-    @property
+    @cached_property
     def _free(self) -> Array:
         """Unseen directions that springs take part in, (n, f); others cannot touch a cone."""
         part = self.view.unseen[_spring_parameters(self.model)]
@@ -318,18 +319,20 @@ class _Program:
         import cvxpy as cp
 
         view, free = self.view, self._free
+        unit = view.weight.min()
         if self._fit is None:
             u, y, base = cp.Variable(view.fitted), cp.Variable(free.shape[1]), cp.Parameter(x0.size)
-            x = base + (view.seen / view.weight) @ u + (free @ y if free.shape[1] else 0)
+            # In units of the weakest weight the columns of u are of the size of those of y, however long the campaign.
+            x = base + (view.seen * (unit / view.weight)) @ u + (free @ y if free.shape[1] else 0)
             # Without a price on y the program has flat directions, which an interior-point method walks along for ever.
             cost = cp.sum_squares(u) + (_FLAT * cp.sum_squares(y) if free.shape[1] else 0)
             self._fit = (cp.Problem(cp.Minimize(cost), self._constraints(x)), u, y, base)
         problem, u, y, base = self._fit
         # Unseen geometry is not at home in this program: only the compliances of x0 enter.
         base.value = np.where(_spring_parameters(self.model), x0, 0.0)
-        _run(problem, "fit")
+        _run(problem, "fit", _TOLERANCES)
         self.solver = f"CLARABEL through cvxpy ({problem.solver_stats.num_iters} iterations)"
-        return np.asarray(u.value), np.asarray(y.value) if free.shape[1] else np.zeros(0)
+        return np.asarray(u.value) * unit, np.asarray(y.value) if free.shape[1] else np.zeros(0)
 
     def _complete(self, x0: Array) -> Array | None:
         """The springs of least norm among all that the data cannot tell from x0 and the cone allows; None if that fails."""
@@ -348,18 +351,18 @@ class _Program:
         size = max(float(np.abs(off).max()), 1e-12)
         base.value = off / size
         try:
-            _run(problem, "completion")
+            _run(problem, "completion", _TOLERANCES[2:])
         except UntrustworthyError:
             log.info("the least-norm completion did not solve; the solver's own choice among equal fits is kept")
             return None
         return np.asarray(x0 + free @ (np.asarray(y.value) * size))
 
 
-def _run(problem: Any, what: str) -> None:
+def _run(problem: Any, what: str, tolerances: tuple[float, ...]) -> None:
     """Solve with Clarabel, tight at first; where rounding stops it short, at looser tolerances."""
     import cvxpy as cp
 
-    for tolerance in _TOLERANCES:
+    for tolerance in tolerances:
         try:
             with warnings.catch_warnings():
                 # Clarabel sometimes ends a little short of a tight tolerance and cvxpy warns; the status says the same.

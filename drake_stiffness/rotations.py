@@ -98,6 +98,20 @@ def rotation_of_axis(axis: Array, angle: Array) -> Array:
     return outer[:, :, None] + (np.eye(3) - outer)[:, :, None] * c + K[:, :, None] * s
 
 
+def turned(R: Array, axis: Array, angle: Array) -> Array:
+    """R Rot(axis, angle) for `R (3, 3, N)`; about an axis of the frame only two columns change, which is half the work."""
+    own = int(np.abs(axis).argmax())
+    if abs(axis[own]) != 1.0:
+        return multiply(R, rotation_of_axis(axis, angle))
+    c, s = np.cos(angle), np.sin(angle) * axis[own]
+    a, b = (own + 1) % 3, (own + 2) % 3
+    out = np.empty((3, 3, angle.size))
+    out[:, own] = R[:, own]
+    out[:, a] = R[:, a] * c + R[:, b] * s
+    out[:, b] = R[:, b] * c - R[:, a] * s
+    return out
+
+
 def rpy_rotation(rpy_rad: Array | tuple[float, float, float]) -> Array:
     """One rotation `(3, 3)` from roll, pitch, yaw: Rz(yaw) Ry(pitch) Rx(roll)."""
     roll, pitch, yaw = rpy_rad

@@ -44,7 +44,8 @@ def sensitivity(model: Model, cases: Cases, case: NDArray[np.int_], point: NDArr
             out[:, :, own] = springs.of(effect)
         else:
             out[:, :, own] = _differences(model, cases, case, point, own)
-    return out * model.scales
+    out *= model.scales
+    return out
 
 
 def has_finite_differences(model: Model) -> bool:

@@ -23,13 +23,15 @@ from numpy.typing import NDArray
 
 from drake_stiffness.arm import Arm, forward, joint_jacobian
 from drake_stiffness.effects.effect import Cases
-from drake_stiffness.equilibrium import Structure, build_structure, solve_equilibrium
+from drake_stiffness.equilibrium import Equilibrium, Structure, build_structure, solve_equilibrium
 from drake_stiffness.model import Model
 from drake_stiffness.rotations import exponential, logarithm, multiply, rotate
 from toolpaths.postures import solve_damped
 
 Floats = NDArray[np.float64]
 Reference = Literal["unloaded", "rigid"]
+# Loaded and (where the reference needs it) unloaded equilibria.
+States = tuple[Equilibrium, Equilibrium | None]
 
 CHUNK = 4096
 _MAX_STEPS = 20
@@ -63,17 +65,22 @@ class Bench:
         poses = forward(self.arm, q)
         return self._tool(poses.R_E, poses.p_E)
 
-    def actual(self, q: Floats, wrench: Floats) -> tuple[Floats, Floats]:
-        """Pose (3, 3, N), (3, N) at which the tool is under load, in the sense of the reference."""
+    def actual(self, q: Floats, wrench: Floats, start: States | None = None) -> tuple[Floats, Floats, States]:
+        """Pose (3, 3, N), (3, N) at which the tool is under load, in the sense of the reference, and the states behind it.
+
+        Parameters
+        ----------
+        start : the states of nearly the same joints, from which the equilibria start
+        """
         cases = Cases(q, wrench, self.p_ET)
-        loaded = solve_equilibrium(self.loaded, cases)
+        loaded = solve_equilibrium(self.loaded, cases, start[0] if start else None)
         R, p = self._tool(loaded.R_E, loaded.p_E)
         if self.reference == "rigid":
-            return R, p
-        unloaded = solve_equilibrium(self.loaded, cases.unloaded())
+            return R, p, (loaded, None)
+        unloaded = solve_equilibrium(self.loaded, cases.unloaded(), start[1] if start else None)
         R_u, p_u = self._tool(unloaded.R_E, unloaded.p_E)
         R_c, p_c = self.commanded(q)
-        return multiply(multiply(R, R_u.transpose(1, 0, 2)), R_c), p_c + p - p_u
+        return multiply(multiply(R, R_u.transpose(1, 0, 2)), R_c), p_c + p - p_u, (loaded, unloaded)
 
     def _tool(self, R_E: Floats, p_E: Floats) -> tuple[Floats, Floats]:
         return multiply(R_E, self.R_ET[:, :, None]), p_E + rotate(R_E, self.p_ET[:, None])
@@ -159,13 +166,19 @@ _ARRAYS = ("q", "R", "p", "before", "one_shot", "after", "contraction", "converg
 
 
 def deviation(
-    bench: Bench, q: Floats, wrench: Floats, R0: Floats, p0: Floats, position_only: NDArray[np.bool_]
-) -> Floats:
-    """Twist (6, N) from where the tool is to where it is wanted (poses `R0`, `p0`)."""
-    R, p = bench.actual(q, wrench)
+    bench: Bench,
+    q: Floats,
+    wrench: Floats,
+    R0: Floats,
+    p0: Floats,
+    position_only: NDArray[np.bool_],
+    start: States | None = None,
+) -> tuple[Floats, States]:
+    """Twist (6, N) from where the tool is to where it is wanted (poses `R0`, `p0`), and the states behind it."""
+    R, p, states = bench.actual(q, wrench, start)
     # Where the program writes no angles the commanded orientation stays, and nothing is asked of the real one.
     R_seen = np.where(position_only, bench.commanded(q)[0], R)
-    return np.concatenate([p0 - p, logarithm(multiply(R0, R_seen.transpose(1, 0, 2)))])
+    return np.concatenate([p0 - p, logarithm(multiply(R0, R_seen.transpose(1, 0, 2)))]), states
 
 
 def _mirror_chunk(
@@ -173,7 +186,7 @@ def _mirror_chunk(
 ) -> Corrected:
     R0, p0 = bench.commanded(q0)
     q = q0.copy()
-    off = deviation(bench, q, wrench, R0, p0, position_only)
+    off, states = deviation(bench, q, wrench, R0, p0, position_only)
     before = one_shot = _length(off)
     last, contraction = np.full(q.shape[1], np.inf), np.zeros(q.shape[1])
     steps = 0
@@ -185,7 +198,7 @@ def _mirror_chunk(
         if not (size > _TOLERANCE).any() or (contraction > 1.0).any():
             break
         q = command(bench, q, off, free)
-        off = deviation(bench, q, wrench, R0, p0, position_only)
+        off, states = deviation(bench, q, wrench, R0, p0, position_only, states)
         steps += 1
         if steps == 1:
             one_shot = _length(off)

@@ -332,7 +332,7 @@ def _read_back(
     R, p = _targets(printed, process, bench, result.q[:, 0])
     R_goal = np.where(only, R0.transpose(1, 2, 0), R[rows].transpose(1, 2, 0))
     q = reach(bench, result.q, R_goal, p[rows].T, free)
-    off = deviation(bench, q, wrench, R0.transpose(1, 2, 0), p0.T, only)
+    off, _ = deviation(bench, q, wrench, R0.transpose(1, 2, 0), p0.T, only)
     return np.sqrt((off[:3] ** 2).sum(axis=0)), printed.position_mm[rows] - program.position_mm[rows]
 
 
