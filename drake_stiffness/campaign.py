@@ -293,9 +293,16 @@ def _warn_of_limits(table: Table, arm: Arm, cases: Cases, lead: NDArray[np.int_]
 
 def posture_groups(cases: Cases) -> NDArray[np.int_]:
     """A number for every experiment; experiments of one posture (to 1e-6 rad) share it, so that they stay together."""
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components
+    from scipy.spatial import cKDTree
+
     _, first = np.unique(cases.experiment, return_index=True)
-    rounded = np.round(cases.q[:, first].T / 1e-6).astype(np.int64)
-    return np.unique(rounded, axis=0, return_inverse=True)[1].reshape(-1)
+    q = cases.q[:, first].T
+    # A grid cell and its neighbour may share a posture at their border, so near pairs are joined, not cells compared.
+    pairs = cKDTree(q).query_pairs(1e-6, output_type="ndarray")
+    links = coo_array((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(len(q), len(q)))
+    return np.asarray(connected_components(links, directed=False)[1])
 
 
 def held_out_experiments(measurements: Measurements, hold_out: HoldOut | None, where: str) -> NDArray[np.bool_]:

@@ -13,7 +13,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 import yaml
-from pydantic import BaseModel, ConfigDict, ValidationError
+from pydantic import BaseModel, ConfigDict, ValidationError, ValidationInfo, field_validator
 
 from drake_stiffness.errors import InputError
 
@@ -22,6 +22,17 @@ class Document(BaseModel):
     """Base of everything users write in YAML: unknown keys are errors, values are not changed afterwards."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+
+    @field_validator("*", mode="before")
+    @classmethod
+    def _yes_is_no_number(cls, value: Any, info: ValidationInfo) -> Any:
+        """YAML reads `yes` as a truth value, which pydantic would read as 1.0."""
+        field = cls.model_fields[info.field_name] if info.field_name else None
+        if isinstance(value, bool) and field is not None and field.annotation is not bool:
+            raise ValueError(
+                "expected another kind of value than a truth value (YAML reads yes and no, on and off as such)"
+            )
+        return value
 
 
 D = TypeVar("D", bound=Document)
@@ -33,6 +44,9 @@ class _Loader(yaml.SafeLoader):
     def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
         seen: set[str] = set()
         for key_node, _ in node.value:
+            if not isinstance(key_node, yaml.ScalarNode):
+                mark = key_node.start_mark
+                raise InputError(f"{mark.name}, line {mark.line + 1}: a key must be a word, not a list or a table.")
             if key_node.value in seen:
                 mark = key_node.start_mark
                 raise InputError(
@@ -87,7 +101,9 @@ def read_yaml(path: Path, document: type[D], what: str) -> D:
     loader.name = str(path)
     try:
         content = loader.get_single_data()
-    except yaml.YAMLError as error:
+    except InputError:
+        raise
+    except (yaml.YAMLError, ValueError, TypeError) as error:
         mark = getattr(error, "problem_mark", None)
         place = f", line {mark.line + 1}, column {mark.column + 1}" if mark else ""
         problem = getattr(error, "problem", None) or str(error)

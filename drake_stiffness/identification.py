@@ -43,6 +43,8 @@ _STANDS = 1e-5
 _ROUNDING = 1e-12
 # Below this step, in the same unit, the last linearisation serves to the end.
 _NEAR = 1.0
+# An unseen parameter of which a unit of scale turns out to move all readings by more than this deserves a second start.
+_NEWLY_SEEN = 1.0
 # Prior of the linearisation point of least squares: this many typical compliances (see `_regularised`).
 _LOOSE = 30.0
 # Tolerances of the solver, tried in turn.
@@ -114,6 +116,18 @@ def identify(
         x = model.x.copy()
         x[springs] = identify(alone, o, method, progress).model.x
         model = model.with_x(x)
+    solution = _iterate(model, o, method, progress)
+    if not springs.all():
+        # The same for what shows in positions only once springs are there, a payload for one.
+        length = np.linalg.norm(columns(o, solution.model), axis=0)
+        if (solution.identifiability.zero & (length > _NEWLY_SEEN)).any():
+            solution = _iterate(solution.model, o, method, progress)
+    return solution
+
+
+def _iterate(model: Model, o: Observations, method: Method, progress: Callable[[str], None]) -> Solution:
+    """The outer iteration; what is seen is decided at the model it starts from."""
+    springs = _spring_parameters(model)
     y = measured(o)
     constant = not has_finite_differences(model)
     A, view, program = np.empty((0, 0)), None, None
@@ -220,17 +234,30 @@ class _Program:
         return self._project(x + self._free @ choice if completed is None else completed)
 
     def _constrained(self) -> bool:
-        return any(effect.cone_blocks for effect in self.model.effects) or self._bounds()[0].size > 0
+        return any(effect.cone_blocks for effect in self.model.effects) or self._bounded.size > 0
 
-    def _bounds(self) -> tuple[NDArray[np.int_], Array]:
-        """Lower bounds of parameters outside any cone, in units of scale."""
+    @cached_property
+    def _bounded(self) -> NDArray[np.int_]:
+        """Parameters outside any cone that have a finite bound."""
         inside = {i for block in self._blocks() for i in block.ravel() if i >= 0}
-        lower = [
-            (i, p.lower / p.scale)
-            for i, p in enumerate(self.model.parameters)
-            if np.isfinite(p.lower) and i not in inside
-        ]
-        return np.array([i for i, _ in lower], dtype=int), np.array([v for _, v in lower])
+        finite = [np.isfinite(p.lower) or np.isfinite(p.upper) for p in self.model.parameters]
+        return np.array([i for i, f in enumerate(finite) if f and i not in inside], dtype=int)
+
+    def _limits(self, origin: Array, size: float) -> tuple[Array, Array]:
+        """Bounds of those parameters in units of scale, counted from an origin in units of `size`."""
+        chosen = [self.model.parameters[i] for i in self._bounded]
+        lower = np.array([p.lower / p.scale for p in chosen]).reshape(-1)
+        upper = np.array([p.upper / p.scale for p in chosen]).reshape(-1)
+        at = origin[self._bounded]
+        # cvxpy's parameters must be finite; nothing is ever larger than this in units of scale.
+        return np.clip((lower - at) / size, -1e9, 1e9), np.clip((upper - at) / size, -1e9, 1e9)
+
+    @cached_property
+    def _held(self) -> NDArray[np.bool_]:
+        """(n,) parameters that a cone or a bound speaks of."""
+        held = _spring_parameters(self.model)
+        held[self._bounded] = True
+        return held
 
     def _blocks(self) -> list[NDArray[np.int_]]:
         """Every cone as a square array of parameter numbers, -1 for a zero."""
@@ -247,8 +274,9 @@ class _Program:
     def _violation(self, x: Array) -> float:
         """How far the most negative eigenvalue is below zero, in scaled units."""
         worst = max((-float(np.linalg.eigvalsh(self._matrix(b, x))[0]) for b in self._blocks()), default=-np.inf)
-        index, lower = self._bounds()
-        return max(worst, float((lower - x[index]).max(initial=-np.inf)))
+        lower, upper = self._limits(np.zeros_like(x), 1.0)
+        at = x[self._bounded]
+        return max(worst, float(np.maximum(lower - at, at - upper).max(initial=-np.inf)))
 
     def active(self, x: Array) -> tuple[str, ...]:
         """Springs that the cone holds at its border, if it moved what the data see.
@@ -278,11 +306,11 @@ class _Program:
                 continue
             clipped = vectors @ np.diag(np.maximum(values, 0.0)) @ vectors.T
             x[block[block >= 0]] = clipped[block >= 0]
-        index, lower = self._bounds()
-        x[index] = np.maximum(x[index], lower)
+        x[self._bounded] = np.clip(x[self._bounded], *self._limits(np.zeros_like(x), 1.0))
         return x
 
-    def _constraints(self, x: Any) -> list[Any]:
+    def _constraints(self, x: Any, lower: Any, upper: Any) -> list[Any]:
+        """Cones, and bounds (arrays or cvxpy parameters) on the bounded parameters."""
         import cvxpy as cp
 
         constraints = []
@@ -296,9 +324,8 @@ class _Program:
                 if number >= 0:
                     pick[row, number] = 1.0
             constraints.append(cp.reshape(pick @ x, (size, size), order="C") >> 0)
-        index, lower = self._bounds()
-        if index.size:
-            constraints.append(x[index] >= lower)
+        if self._bounded.size:
+            constraints += [x[self._bounded] >= lower, x[self._bounded] <= upper]
         return constraints
 
     @cached_property
@@ -326,10 +353,11 @@ class _Program:
             x = base + (view.seen * (unit / view.weight)) @ u + (free @ y if free.shape[1] else 0)
             # Without a price on y the program has flat directions, which an interior-point method walks along for ever.
             cost = cp.sum_squares(u) + (_FLAT * cp.sum_squares(y) if free.shape[1] else 0)
-            self._fit = (cp.Problem(cp.Minimize(cost), self._constraints(x)), u, y, base)
+            limits = self._limits(np.zeros_like(x0), 1.0)
+            self._fit = (cp.Problem(cp.Minimize(cost), self._constraints(x, *limits)), u, y, base)
         problem, u, y, base = self._fit
-        # Unseen geometry is not at home in this program: only the compliances of x0 enter.
-        base.value = np.where(_spring_parameters(self.model), x0, 0.0)
+        # Frames and geometry without bounds are not at home in this program: only what is held enters.
+        base.value = np.where(self._held, x0, 0.0)
         _run(problem, "fit", _TOLERANCES)
         self.solver = f"CLARABEL through cvxpy ({problem.solver_stats.num_iters} iterations)"
         return np.asarray(u.value) * unit, np.asarray(y.value) if free.shape[1] else np.zeros(0)
@@ -344,12 +372,15 @@ class _Program:
         if self._completion is None:
             y, base = cp.Variable(free.shape[1]), cp.Parameter(x0.size)
             x = base + free @ y
-            self._completion = (cp.Problem(cp.Minimize(cp.sum_squares(x)), self._constraints(x)), y, base)
-        problem, y, base = self._completion
+            lower, upper = (cp.Parameter(self._bounded.size) for _ in range(2))
+            problem = cp.Problem(cp.Minimize(cp.sum_squares(x)), self._constraints(x, lower, upper))
+            self._completion = (problem, y, base, lower, upper)
+        problem, y, base, lower, upper = self._completion
         # Cones do not change with the unit, so all is done in units of the largest departure.
         off = x0 - self.anchor
         size = max(float(np.abs(off).max()), 1e-12)
         base.value = off / size
+        lower.value, upper.value = self._limits(self.anchor, size)
         try:
             _run(problem, "completion", _TOLERANCES[2:])
         except UntrustworthyError:

@@ -244,7 +244,10 @@ def _from_dict(content: dict[str, Any]) -> Model:
     for entry in content["effects"]:
         effect = make_effect(entry["kind"], entry["where"], entry.get("settings"))
         effects.append(effect)
-        values.append(np.array([entry["parameters"][p.name]["value"] for p in effect.parameters], dtype=float))
+        own = [entry["parameters"][p.name]["value"] for p in effect.parameters]
+        if not all(isinstance(value, int | float) for value in own):
+            raise ValueError(f"a value of {entry['kind']} at '{entry['where']}' is no number")
+        values.append(np.array(own, dtype=float))
     model = Model(
         cell=cell,
         arm=Arm.from_dict(content["arm"]),

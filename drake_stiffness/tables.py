@@ -77,6 +77,8 @@ class Table:
                 values[row] = empty
                 continue
             try:
+                if "_" in cell:  # Python reads 1_0 as ten; a table never means that
+                    raise ValueError
                 values[row] = float(cell)
             except ValueError:
                 found = f"'{cell}'" if cell else "an empty cell"
@@ -156,6 +158,8 @@ def read_table(path: Path | str, what: str) -> Table:
                 lines.append(reader.line_num)
     except csv.Error as error:
         raise InputError(f"{path}, line {reader.line_num}: not a CSV table ({error}).") from None
+    if not rows:
+        raise InputError(f"{path}: nothing but separators; expected {what}.")
     header = tuple(cell.strip() for cell in rows[0])
     for name in header:
         if header.count(name) > 1:

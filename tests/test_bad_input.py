@@ -429,6 +429,18 @@ def test_wrong_columns(job, old, new, says):
     job.refused("identify", 2, "measurements.csv", *says)
 
 
+def test_lines_are_counted_as_an_editor_counts_them(job):
+    """Blank lines, and a note with a line break inside its quotes."""
+    lines = job.text("measurements.csv").splitlines()
+    lines[3] = lines[3].replace("simulated", '"two\nlines"')
+    lines.insert(2, "")
+    job.write("measurements.csv", "\n".join(lines) + "\n")
+    text = job.text("measurements.csv").splitlines()
+    text[9] = text[9].replace(",simulated", "!,simulated")
+    job.write("measurements.csv", "\n".join(text) + "\n")
+    job.refused("identify", 2, "measurements.csv, line 10, column 'z_mm'")
+
+
 def test_a_table_without_rows(job):
     job.write("measurements.csv", job.text("measurements.csv").splitlines()[0] + "\n")
     job.refused("identify", 2, "measurements.csv", "no rows")
@@ -819,20 +831,26 @@ def test_waypoints_outside_the_limits_are_named_by_line(job):
     job.refused("compensate", 3, "program.src", "outside the joint limits", "joint_3", "line 3, 4, 5, 6, 7, 8, 9, 10")
 
 
-def test_waypoints_at_a_singularity_are_named_by_line(job):
-    """The tool's axis along the forearm: joints 4 and 6 turn about one line."""
+@pytest.mark.parametrize(("joint_5", "code"), [(0.01, 3), (0.2, 3), (2.0, 0), (-2.0, 0)])
+def test_waypoints_at_a_singularity_are_named_by_line(job, joint_5, code):
+    """The tool's axis along the forearm: joints 4 and 6 turn about one line. Two degrees off, the arm can be steered."""
     from drake_stiffness.model import load_model
     from toolpaths.compensation import bench_of
     from toolpaths.orientation import abc_from_rotation
 
     bench = bench_of(load_model(job.path("model.json")), "unloaded", False)
-    R, p = bench.commanded(np.radians([[0.0, -70.0, 120.0, 0.0, 0.01, 0.0]]).T)
+    R, p = bench.commanded(np.radians([[0.0, -70.0, 120.0, 0.0, joint_5, 0.0]]).T)
     x, y, z = (p[:, 0] - [1.65, -0.10, 0.75]) * 1e3
     a, b, c = abc_from_rotation(R.transpose(2, 0, 1), np.zeros((1, 3)))[0]
-    lines = job.text("program.src").splitlines()
-    lines.insert(6, f"LIN {{X {x:.6f},Y {y:.6f},Z {z:.6f},A {a:.6f},B {b:.6f},C {c:.6f}}}")
+    lines = ["DEF a()", "", "", f"LIN {{X {x:.6f},Y {y:.6f},Z {z:.6f},A {a:.6f},B {b:.6f},C {c:.6f}}}"]
     job.write("program.src", "\n".join(lines) + "\n")
-    job.refused("compensate", 3, "program.src", "1 line at a singularity", "line 7")
+    process = job.text("process.yaml").replace("0, -70, 120, 0, -50, 0", f"0, -70, 120, 0, {joint_5}, 0")
+    job.write("process.yaml", process)
+    if code:
+        job.refused("compensate", code, "program.src", "1 line at a singularity", "line 4")
+    else:
+        outcome = job.run("compensate")
+        assert outcome.code == 0, outcome.err
 
 
 def test_springs_too_soft_for_the_load(job):

@@ -322,6 +322,31 @@ def test_predictions_meet_what_was_measured(predicted):
     assert sigma.max() < 0.02
 
 
+def test_the_stated_sigma_is_what_the_covariance_makes_of_the_prediction(tmp_path):
+    """Gradients by predicting with each compliance a little larger: sigma^2 = g^T C g, to the curvature of the loads."""
+    done("identify", KR270 / "campaign_joints_only.yaml", "-o", tmp_path / "m.json")
+    rows = (KR270 / "measurements.csv").read_text().splitlines()
+    (tmp_path / "t.csv").write_text("\n".join([rows[0], *(r for r in rows if r.startswith(("E05,5", "E11,2")))]) + "\n")
+    content = strict_json(tmp_path / "m.json")
+    assert content["covariance"]["parameters"] == list(JOINTS)
+
+    def predicted_with(changed, *columns):
+        (tmp_path / "n.json").write_text(json.dumps(changed))
+        done("predict", tmp_path / "n.json", tmp_path / "t.csv", "-o", tmp_path / "p.csv")
+        return numbers(table(tmp_path / "p.csv"), *columns)
+
+    shift = [f"predicted_d{a}_mm" for a in "xyz"]
+    plain, sigma = (predicted_with(content, *c) for c in (shift, [f"predicted_sigma_{a}_mm" for a in "xyz"]))
+    gradient = np.empty((6, *plain.shape))
+    for i in range(6):
+        changed = json.loads(json.dumps(content))
+        changed["effects"][i]["parameters"]["k"]["value"] += 2e-8
+        gradient[i] = (predicted_with(changed, *shift) - plain) / 2e-8
+    expected = np.sqrt(np.einsum("irc,ij,jrc->rc", gradient, np.array(content["covariance"]["matrix"]), gradient))
+    assert expected.min() > 0
+    np.testing.assert_allclose(sigma, expected, rtol=0.03, atol=0.01 * expected.max())
+
+
 def test_predict_sums_up(predicted):
     folder, out, err = predicted
     summary = strict_json(folder / "p.json")

@@ -424,6 +424,31 @@ def test_an_external_axis_carries_the_arm_along(track_model, tools):
     assert b"E1 800.0}" in results[1].raw
 
 
+@pytest.mark.parametrize(
+    ("axes", "posture", "expected"),
+    [
+        ({"E1": "track"}, [0, -70, 120, 0, -50, 0], [1, 2, 3, 4, 5, 6]),
+        ({}, [200, 0, -70, 120, 0, -50, 0], [1, 2, 3, 4, 5, 6]),  # nothing drives the slide: it stands
+        ({"E1": "joint_1"}, [200, 0, -70, 120, 0, -50, 0], [0, 2, 3, 4, 5, 6]),
+    ],
+)
+def test_the_joints_that_a_correction_may_move(track_model, tools, monkeypatch, axes, posture, expected):
+    """Those that the program's pose decides; not those that words of their own drive, nor a slide that stands."""
+    moved = []
+
+    def watched(bench, q0, wrench, only, free, progress):
+        result = mirror(bench, q0, wrench, only, free, progress)
+        moved.append((free, np.flatnonzero(np.abs(result.q - q0).max(axis=1) > 0).tolist()))
+        return result
+
+    monkeypatch.setattr(job, "mirror", watched)
+    program = tools.program("LIN {X 0.000,Y 200.000,Z 0.000,A 0.000,B 0.000,C 180.000,E1 1.0}")
+    process = tools.process(workpiece={"position_m": [1.75, 0.0, 1.05]}, posture_deg=posture, external_axes=axes)
+    result = run(program, track_model, process)
+    assert moved == [(expected, expected)]
+    assert result.after_mm.max() < 0.002
+
+
 # -- the true plant ---------------------------------------------------------------------------------------------------------
 
 

@@ -140,6 +140,16 @@ def test_newton_finds_the_joints_that_eaik_finds(model, monkeypatch, number):
     np.testing.assert_allclose(newton.q, analytic.q, atol=1e-9)
 
 
+def test_newton_follows_a_long_path_from_pose_to_pose(model, monkeypatch):
+    """Joint 1 through 300 degrees, joint 6 through more than a turn: no pose is near the posture that picked the branch."""
+    monkeypatch.setattr(p, "_analytic", lambda *_: None)
+    q = np.repeat(CUTTING[:, None], 400, axis=1)
+    q[0], q[5] = np.radians(np.linspace(-150, 150, 400)), np.radians(np.linspace(-250, 250, 400))
+    found = along_path(model.arm, *flange(model.arm, q), q[:, 0], {})
+    assert found.reached.all()
+    np.testing.assert_allclose(found.q, q, atol=1e-8)
+
+
 def test_an_arm_that_eaik_does_not_know_is_solved_by_newton(model):
     """A wrist whose axes do not meet."""
     p_PF = model.arm.p_PF.copy()
