@@ -168,7 +168,8 @@ def jacobians(arm: Any, cell: Any, q: np.ndarray) -> None:
 def equilibria(arm: Any, cell: Any, q: np.ndarray, rng: np.random.Generator) -> None:
     """Table of microseconds per loaded equilibrium."""
     from drake_stiffness.effects.effect import Cases
-    from drake_stiffness.equilibrium import Structure, solve_equilibrium
+    from drake_stiffness.equilibrium import solve_equilibrium
+    from drake_stiffness.structure import Structure
 
     N, some = q.shape[0], 200
     scale = np.array([1.5e-4] * 3 + [2.5e-4] * 3)

@@ -20,10 +20,10 @@ from numpy.typing import NDArray
 from drake_stiffness.arm import Arm
 from drake_stiffness.effects import Effect, Parameter, make_effect
 from drake_stiffness.effects.compliance import JointCompliance, LinkCompliance, Spring
-from drake_stiffness.equilibrium import Structure, build_structure
 from drake_stiffness.errors import InputError
 from drake_stiffness.files import json_text, read_bytes, write_whole
 from drake_stiffness.rotations import Array
+from drake_stiffness.structure import Structure, build_structure
 
 FORMAT = "drake-stiffness-model/1"
 

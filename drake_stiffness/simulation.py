@@ -9,10 +9,11 @@ from numpy.typing import NDArray
 
 from drake_stiffness.arm import chain_jacobian
 from drake_stiffness.effects.effect import Cases, Reading
-from drake_stiffness.equilibrium import Equilibrium, Structure, solve_equilibrium
+from drake_stiffness.equilibrium import Equilibrium, solve_equilibrium
 from drake_stiffness.errors import UntrustworthyError
 from drake_stiffness.model import Model
 from drake_stiffness.rotations import Array, logarithm, multiply, rotate
+from drake_stiffness.structure import Structure
 
 
 def read(

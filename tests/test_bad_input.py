@@ -854,18 +854,15 @@ def test_waypoints_at_a_singularity_are_named_by_line(job, joint_5, code):
 
 
 def test_springs_too_soft_for_the_load(job):
-    """Too soft to stand: refused as unstable. Soft enough to fold up: refused as not converging."""
+    """Weight alone, the arm above joint 2, which gives way faster than it is pushed back: no model, program or table."""
+    job.write("plan.csv", "\n".join(job.text("plan.csv").splitlines()[:4]) + "\n")
+    job.edit("truth.yaml", "0.3e-6", "3e-3")
+    job.refused("simulate", 3, "posture", "joint_2 -40.3", "load", "no stable equilibrium")
     model = job.model()
-    job.write(
-        "plan.csv", "\n".join(job.text("plan.csv").splitlines()[:4]) + "\n"
-    )  # weight alone, the arm above joint 2
-    for k, reason in ((3e-3, "no stable equilibrium"), (3e-4, "does not converge")):
-        job.write("truth.yaml", TRUTH.replace("0.3e-6", str(k)))
-        job.refused("simulate", 3, "posture", "joint_2", "load", reason)
-        model["effects"][1]["parameters"]["k"]["value"] = k
-        job.write("model.json", json.dumps(model))
-        job.refused("predict", 3, "posture", "joint_2", "load", reason)
-        job.refused("compensate", 3, "posture", "joint_2", "load", "stable|converge")
+    model["effects"][1]["parameters"]["k"]["value"] = 3e-3
+    job.write("model.json", json.dumps(model))
+    job.refused("predict", 3, "posture", "joint_2 -40.3", "load", "no stable equilibrium")
+    job.refused("compensate", 3, "posture", "joint_2", "load", "stable|converge")
 
 
 @pytest.mark.parametrize("command", ["simulate", "predict"])

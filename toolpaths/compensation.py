@@ -23,9 +23,10 @@ from numpy.typing import NDArray
 
 from drake_stiffness.arm import Arm, forward, joint_jacobian
 from drake_stiffness.effects.effect import Cases
-from drake_stiffness.equilibrium import Equilibrium, Structure, build_structure, solve_equilibrium
+from drake_stiffness.equilibrium import Equilibrium, solve_equilibrium
 from drake_stiffness.model import Model
 from drake_stiffness.rotations import exponential, logarithm, multiply, rotate
+from drake_stiffness.structure import Structure, build_structure
 from toolpaths.postures import solve_damped
 
 Floats = NDArray[np.float64]

@@ -8,9 +8,10 @@ from synthetic import hand_made_arm
 from three_arms import random_postures, random_springs, random_wrench
 
 from drake_stiffness.effects.effect import Cases
-from drake_stiffness.equilibrium import Structure, solve_equilibrium
+from drake_stiffness.equilibrium import solve_equilibrium
 from drake_stiffness.errors import UntrustworthyError
 from drake_stiffness.simulation import linear_displacement
+from drake_stiffness.structure import Structure
 
 
 def test_loaded_postures_of_three_arms_are_drakes_to_a_nanometre(arms, cells, judges, arm_name):

@@ -7,7 +7,6 @@ from synthetic import plan, points_of
 from three_arms import random_postures, random_springs
 
 from drake_stiffness.assembly import make_model, spring_effects
-from drake_stiffness.equilibrium import Structure
 from drake_stiffness.errors import UntrustworthyError
 from drake_stiffness.simulation import (
     cartesian_compliance,
@@ -15,6 +14,7 @@ from drake_stiffness.simulation import (
     cartesian_stiffness_saddle,
     simulate_displacement,
 )
+from drake_stiffness.structure import Structure
 
 TIP = np.array([0.1, 0.02, 0.3])
 
