@@ -79,7 +79,7 @@ def time_identify(postures: int, repeats: int) -> dict[str, Any]:
     import clarabel  # noqa: F401
     import cvxpy
 
-    from drake_stiffness import identification
+    from drake_stiffness import identification, semidefinite
     from drake_stiffness import statistics as fit_statistics
     from drake_stiffness.identifiability import Identifiability
 
@@ -89,7 +89,7 @@ def time_identify(postures: int, repeats: int) -> dict[str, Any]:
     watch.watch(identification, "analyse", "compression")
     watch.watch(Identifiability, "pseudo_inverse_seen", "compression")
     watch.watch(identification, "predicted", "equilibrium")
-    watch.watch(identification._Program, "solve", "solver")
+    watch.watch(semidefinite.Linearised, "semidefinite", "solver")
     solve, native = cvxpy.Problem.solve, {"seconds": 0.0, "calls": 0.0}
 
     def counted(problem: Any, *args: Any, **kwargs: Any) -> Any:

@@ -75,9 +75,10 @@ def identify_campaign(path: Path | str, method: str = "sdp", progress: Progress 
     from drake_stiffness import statistics as st
     from drake_stiffness.assembly import campaign_effects, make_model, spring_effects
     from drake_stiffness.errors import InputError
-    from drake_stiffness.identification import identify, smallest_eigenvalue
+    from drake_stiffness.identification import identify
     from drake_stiffness.observation import observe, restrict
     from drake_stiffness.plant import build_arm
+    from drake_stiffness.semidefinite import smallest_eigenvalue
     from drake_stiffness.start import starting_model
 
     path = Path(path)

@@ -8,7 +8,6 @@ from; the second is the independent judge of what the Arm computes, and what use
 from __future__ import annotations
 
 import logging
-import re
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -19,6 +18,7 @@ from drake_stiffness.arm import Arm
 from drake_stiffness.cell import Cell
 from drake_stiffness.errors import InputError
 from drake_stiffness.files import read_bytes
+from drake_stiffness.meshes import warn_of_missing_meshes
 from drake_stiffness.rotations import Array, rotation_of_axis
 
 log = logging.getLogger("drake_stiffness")
@@ -341,17 +341,3 @@ def _lock_others(plant: Any, chain: Chain) -> None:
         name, F, M = joint.name(), joint.frame_on_parent(), joint.frame_on_child()
         plant.RemoveJoint(joint)
         plant.AddJoint(WeldJoint(f"{name}_locked", F, M, X_FM))
-
-
-def warn_of_missing_meshes(path: Path) -> None:
-    """Say which meshes are not there; they are never needed."""
-    try:
-        text = path.read_text(encoding="utf-8", errors="replace")
-    except OSError:
-        return
-    found = re.findall(r"""<mesh\b[^>]*\bfile(?:name)?\s*=\s*["']([^"']+)["']""", text)  # URDF, MJCF
-    found += re.findall(r"<mesh>.*?<uri>\s*([^<]+?)\s*</uri>", text, re.DOTALL)  # SDF
-    for name in sorted(set(found)):
-        local = name.split("://", 1)[-1] if "://" in name else name
-        if not any(candidate.exists() for candidate in (path.parent / local, path.parent / Path(local).name)):
-            log.warning("%s: the mesh '%s' is not there; it is not needed, only pictures lack it.", path, name)

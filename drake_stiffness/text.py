@@ -12,7 +12,7 @@ from rich.table import Table
 if TYPE_CHECKING:
     from drake_stiffness.inspection import Inspection
     from drake_stiffness.jobs import Identified
-    from toolpaths.job import Compensation
+    from toolpaths.result import Compensation
 
 # A model may have hundreds of parameters; the terminal shows the first ones, model.json and the report show all.
 _SHOWN = 40

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,7 +18,8 @@ from toolpaths.orientation import abc_from_rotation, rotation_from_abc
 from toolpaths.postures import Postures, along_path, outside_limits, singularity_margin
 from toolpaths.process import Process, check_frames, check_model, external_positions, posture
 from toolpaths.program import Program, Refusal, quantum_mm
-from toolpaths.rewriting import Insertion, Rewritten, rewrite
+from toolpaths.result import Compensation
+from toolpaths.rewriting import Rewritten, rewrite
 
 Floats = NDArray[np.float64]
 Progress = Callable[[str, int, int], None]
@@ -33,111 +32,6 @@ _SUPPORT_POINTS = 200
 
 def silent(what: str, done: int, total: int) -> None:
     """Progress that nobody watches."""
-
-
-@dataclass(frozen=True, eq=False)
-class Compensation:
-    """A corrected program and what is known about it.
-
-    Attributes
-    ----------
-    program : Program
-        As it was.
-    raw : bytes
-        The corrected program.
-    rows : (N,)
-        Rows of the program that were corrected.
-    line : (N,)
-    target_mm : (N, 3)
-        Where the tool is wanted, in the program's base frame.
-    correction_mm : (N, 3)
-        What the numbers of the program move by, in that frame.
-    force_N : (N, 3)
-        Force on the tool, world axes.
-    before_mm, one_shot_mm, after_mm : (N,)
-        Predicted distance of the tool from where it is wanted: uncorrected, one step of the iteration, and as printed.
-    process : Process
-        What it was corrected for.
-    support_rows : (K,)
-        Which of the N points the next two speak of.
-    sigma_mm : (K,)
-        Standard deviation of the predicted deflection from the parameters' covariance at some points; NaN where unknown.
-    unsupported : (K,)
-        Share of the prediction that the campaign does not support, at the same points.
-    contraction : float
-        Largest ratio of successive steps.
-    steps : int
-    quantum_mm : float
-        Half a printed digit, the most that printing costs per word.
-    method : str
-        Inverse kinematics used.
-    refusals : tuple of Refusal
-        Motions under force that stay as they were.
-    insertions : tuple of Insertion
-    notes : list of str
-        What the user should know.
-    """
-
-    program: Program
-    raw: bytes
-    rows: NDArray[np.int_]
-    line: NDArray[np.int_]
-    target_mm: Floats
-    correction_mm: Floats
-    force_N: Floats
-    before_mm: Floats
-    one_shot_mm: Floats
-    after_mm: Floats
-    process: Process
-    support_rows: NDArray[np.int_]
-    sigma_mm: Floats
-    unsupported: Floats
-    contraction: float
-    steps: int
-    quantum_mm: float
-    method: str
-    refusals: tuple[Refusal, ...]
-    insertions: tuple[Insertion, ...]
-    notes: list[str]
-
-    def to_dict(self) -> dict[str, Any]:
-        """For `--json`."""
-        size = np.linalg.norm(self.correction_mm, axis=1)
-        return {
-            "corrected_points": int(self.rows.size),
-            "lines": self.program.raw.count(b"\n") + (not self.program.raw.endswith(b"\n")),
-            "correction_mm": _summary(size),
-            "uncompensated_mm": _summary(self.before_mm),
-            "one_shot_residual_mm": _summary(self.one_shot_mm),
-            "residual_mm": _summary(self.after_mm),
-            "percent_compensated": percent(self.before_mm, self.after_mm),
-            "model_sigma_mm": _summary(self.sigma_mm),
-            "unsupported_share": float(self.unsupported.max(initial=0.0)),
-            "iterations": self.steps,
-            "largest_contraction": self.contraction,
-            "half_printed_digit_mm": self.quantum_mm,
-            "inverse_kinematics": self.method,
-            "refused": [{"line": r.line, "reason": r.reason, "words": list(r.words)} for r in self.refusals],
-            "inserted": [{"line": i.line, "words": list(i.words), "text": i.text} for i in self.insertions],
-            "notes": self.notes,
-        }
-
-
-def _summary(values: Floats) -> dict[str, float]:
-    known = values[np.isfinite(values)]
-    if not known.size:
-        return {"mean": float("nan"), "rms": float("nan"), "p95": float("nan"), "max": float("nan")}
-    return {
-        "mean": float(known.mean()),
-        "rms": float(np.sqrt((known**2).mean())),
-        "p95": float(np.percentile(known, 95)),
-        "max": float(known.max()),
-    }
-
-
-def percent(before: Floats, after: Floats) -> float:
-    """Percent of the mean deviation that is compensated; NaN where there was none."""
-    return float(100 * (1 - after.mean() / before.mean())) if before.size and before.mean() > 0 else float("nan")
 
 
 def compensate(
@@ -180,16 +74,17 @@ def compensate(
     given = external_positions(process, program, model, rows)
     progress("inverse kinematics", 0, rows.size)
     postures = _postures(program, model, bench, rows, R_all[rows], p_all[rows], start, given)
-    free = [i for i in range(model.arm.num_joints) if i not in given][-6:]
     wrench = wrenches(process, program, rows, p_all, R_all[rows])
     only = _position_only(program)[rows]
-    result = mirror(bench, postures.q, wrench, only, free, lambda done: progress("mirror iteration", done, rows.size))
+    result = mirror(
+        bench, postures.q, wrench, only, postures.free, lambda done: progress("mirror iteration", done, rows.size)
+    )
     _check_result(program, model, rows, result)
     written = _write(program, process, rows, result, allow_insert)
     _refuse(program, written.refusals, keep_refused)
     progress("reading back", rows.size, rows.size)
     after, correction = _read_back(
-        program, process, bench, rows, written, result, wrench, R_all[rows], p_all[rows], only, free
+        program, process, bench, rows, written, result, wrench, R_all[rows], p_all[rows], only, postures.free
     )
     some, sigma, unsupported = _support(program, model, rows, postures.q, wrench)
     return Compensation(

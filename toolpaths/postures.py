@@ -37,11 +37,14 @@ class Postures:
     reached : (N,) bool
     method : str
         'eaik' or 'newton'.
+    free : list of int
+        The joints that were solved for.
     """
 
     q: Floats
     reached: NDArray[np.bool_]
     method: str
+    free: list[int]
 
 
 def along_path(arm: Arm, R_WE: Floats, p_WE: Floats, posture: Floats, given: dict[int, Floats]) -> Postures:
@@ -108,7 +111,7 @@ def _analytic(
     q[free] = np.nan_to_num(chosen)
     q[free] += _newton_step(arm, q, R_WE, p_WE, free)[0]  # from micrometres to rounding
     reached = np.isfinite(chosen).all(axis=0) & (_pose_error(arm, q, R_WE, p_WE)[1] < _EXACT)
-    return Postures(np.where(reached, q, np.nan), reached, "eaik")
+    return Postures(np.where(reached, q, np.nan), reached, "eaik", free)
 
 
 def _branches(arm: Arm, R_WE: Floats, p_WE: Floats, q: Floats, free: list[int], found: list[Floats]) -> Floats:
@@ -202,7 +205,7 @@ def _newton_path(
         solved = np.flatnonzero(reached[block])
         if solved.size:
             start = q[free, block.start + solved[-1]]
-    return Postures(np.where(reached, q, np.nan), reached, "newton")
+    return Postures(np.where(reached, q, np.nan), reached, "newton", free)
 
 
 def outside_limits(arm: Arm, q: Floats) -> list[tuple[int, int]]:

@@ -15,7 +15,7 @@ from drake_stiffness.report.limits import limits
 
 if TYPE_CHECKING:
     from drake_stiffness.model import Model
-    from toolpaths.job import Compensation
+    from toolpaths.result import Compensation
 
 # So many refused lines, inserted words and notes are listed.
 _LISTED = 200

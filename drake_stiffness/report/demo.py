@@ -18,7 +18,7 @@ from drake_stiffness.rotations import Array
 
 if TYPE_CHECKING:
     from drake_stiffness.jobs import Identified
-    from toolpaths.job import Compensation
+    from toolpaths.result import Compensation
 
 
 @dataclass(frozen=True)

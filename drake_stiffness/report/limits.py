@@ -10,7 +10,7 @@ from drake_stiffness.report import page as h
 
 if TYPE_CHECKING:
     from drake_stiffness.model import Model
-    from toolpaths.job import Compensation
+    from toolpaths.result import Compensation
 
 
 def limits(result: Compensation, model: Model) -> list[h.Markup]:

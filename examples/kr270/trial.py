@@ -26,8 +26,9 @@ from plants.segmented_arm import SegmentedArm  # noqa: E402
 
 from drake_stiffness.jobs import Identified, identify_campaign  # noqa: E402
 from toolpaths.formats import read_program  # noqa: E402
-from toolpaths.job import Compensation, compensate  # noqa: E402
+from toolpaths.job import compensate  # noqa: E402
 from toolpaths.process import read_process  # noqa: E402
+from toolpaths.result import Compensation  # noqa: E402
 
 PROGRAM = "pocket.src"
 FILES = ("kr270.urdf", "cell.yaml", "cell_joints_only.yaml", "campaign.yaml", "campaign_joints_only.yaml",

@@ -15,8 +15,9 @@ from drake_stiffness.effects import Effect, Parameter
 from drake_stiffness.effects.compliance import BaseCompliance, JointCompliance, LinkCompliance
 from drake_stiffness.effects.effect import Cases
 from drake_stiffness.errors import InputError
-from drake_stiffness.identification import identify, smallest_eigenvalue
+from drake_stiffness.identification import identify
 from drake_stiffness.observation import columns, measured, observe
+from drake_stiffness.semidefinite import smallest_eigenvalue
 from drake_stiffness.simulation import simulate_displacement
 from drake_stiffness.statistics import covariance, goodness, statistics
 

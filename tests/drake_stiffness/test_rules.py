@@ -40,8 +40,8 @@ def test_every_conic_program_names_its_solver(path):
         if isinstance(node, ast.Call) and isinstance(node.func, ast.Attribute) and node.func.attr == "solve":
             if isinstance(node.func.value, ast.Attribute) and node.func.value.attr == "linalg":
                 continue  # numpy.linalg.solve, scipy.linalg.solve
-            if isinstance(node.func.value, ast.Name) and node.func.value.id in ("program", "self"):
-                continue  # the project's own `_Program.solve`
+            if isinstance(node.func.value, ast.Name) and node.func.value.id == "self":
+                continue  # a method of the project's own
             named = [keyword.value for keyword in node.keywords if keyword.arg == "solver"]
             assert named, f"{path}:{node.lineno}: .solve() without a solver"
             assert "CLARABEL" in ast.unparse(named[0])
