@@ -21,8 +21,6 @@ from drake_stiffness.files import read_bytes
 from drake_stiffness.meshes import warn_of_missing_meshes
 from drake_stiffness.rotations import Array, rotation_of_axis
 
-log = logging.getLogger("drake_stiffness")
-
 
 @dataclass(frozen=True)
 class Chain:
