@@ -88,6 +88,18 @@ class Arm:
             known[key] = np.array(content[key], dtype=float)
         for key, unlimited in (("lower", -np.inf), ("upper", np.inf)):
             known[key] = np.array([unlimited if v is None else v for v in content[key]], dtype=float)
+        n = len(known["joint_names"])
+        shapes = {
+            "R_PF": (n + 1, 3, 3), "p_PF": (n + 1, 3), "axis_F": (n, 3), "lower": (n,), "upper": (n,),
+            "mass_kg": (n + 1,), "p_MCom": (n + 1, 3), "p_ETool": (3,), "gravity": (3,),
+        }  # fmt: skip
+        for key, shape in shapes.items():
+            if known[key].shape != shape:
+                raise ValueError(f"arm.{key} has shape {known[key].shape}, expected {shape}")
+            if key not in ("lower", "upper") and not np.isfinite(known[key]).all():
+                raise ValueError(f"arm.{key} holds a number that is not finite")
+        if len(known["link_names"]) != n + 1 or len(known["prismatic"]) != n:
+            raise ValueError(f"arm.link_names and arm.prismatic do not fit {n} joints")
         return Arm(**known, tool_mass_kg=float(content["tool_mass_kg"]))
 
 

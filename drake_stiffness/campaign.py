@@ -35,7 +35,7 @@ class HoldOut(Document):
     """Which experiments take no part in the fit."""
 
     fraction: float | None = Field(default=None, gt=0.0, lt=1.0)
-    seed: int = 0
+    seed: int = Field(default=0, ge=0)
     experiments: tuple[str, ...] | None = None
 
     @model_validator(mode="after")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import math
 import os
 import sys
 from collections.abc import Iterator
@@ -86,13 +87,15 @@ def simulate(
     plan: Annotated[Path, typer.Option(help="PLAN.csv: postures and loads")],
     output: Annotated[Path, typer.Option("-o", "--output", help="Folder for the virtual campaign")],
     noise_mm: Annotated[float, typer.Option(min=0.0, help="Standard deviation of one coordinate")] = 0.0,
-    seed: int = 0,
+    seed: Annotated[int, typer.Option(min=0)] = 0,
     json: JsonOption = None,
 ) -> None:
     """Make a virtual campaign from the loaded equilibrium (for planning; truth is elsewhere)."""
     from drake_stiffness import jobs
 
     _check_outputs(json)
+    if not math.isfinite(noise_mm):
+        raise InputError(f"--noise-mm: found {noise_mm}; expected a finite number, mm.")
     with _working() as progress:
         progress("simulating")
         result = jobs.simulate(cell, truth, plan, output, noise_mm, seed)
@@ -272,6 +275,8 @@ def _check_outputs(*paths: Path | None) -> None:
     for path in paths:
         if path is not None and not path.absolute().parent.is_dir():
             raise InputError(f"{path}: the folder {path.absolute().parent} does not exist; make it first.")
+        if path is not None and path.is_dir():
+            raise InputError(f"{path}: this is a folder; expected the name of a file to write.")
 
 
 class _Warnings(logging.Handler):

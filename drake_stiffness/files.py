@@ -97,19 +97,21 @@ def read_yaml(path: Path, document: type[D], what: str) -> D:
         text = data.decode("utf-8-sig")
     except UnicodeDecodeError as error:
         raise InputError(f"{path}: byte {error.start} is not UTF-8; save the file as UTF-8 text.") from None
-    loader = _Loader(text)
-    loader.name = str(path)
+    loader = None
     try:
+        loader = _Loader(text)  # refuses characters that no text holds
+        loader.name = str(path)
         content = loader.get_single_data()
     except InputError:
         raise
-    except (yaml.YAMLError, ValueError, TypeError) as error:
+    except (yaml.YAMLError, ValueError, TypeError, RecursionError) as error:
         mark = getattr(error, "problem_mark", None)
         place = f", line {mark.line + 1}, column {mark.column + 1}" if mark else ""
-        problem = getattr(error, "problem", None) or str(error)
+        problem = getattr(error, "problem", None) or " ".join(str(error).split())
         raise InputError(f"{path}{place}: not valid YAML ({problem}); expected {what}.") from None
     finally:
-        loader.dispose()
+        if loader is not None:
+            loader.dispose()
     if not isinstance(content, dict):
         raise InputError(f"{path}: found {_short(content)}; expected {what}, that is keys with values.")
     try:

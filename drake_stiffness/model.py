@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drake_stiffness.arm import Arm
+from drake_stiffness.cell import Cell
 from drake_stiffness.effects import Effect, Parameter, make_effect
 from drake_stiffness.effects.compliance import JointCompliance, LinkCompliance, Spring
 from drake_stiffness.errors import InputError
@@ -239,7 +240,7 @@ def load_model(path: Path | str) -> Model:
 
 
 def _from_dict(content: dict[str, Any]) -> Model:
-    cell = content["cell"]
+    cell = Cell.model_validate(content["cell"]).model_dump(mode="json")
     effects, values = [], []
     for entry in content["effects"]:
         effect = make_effect(entry["kind"], entry["where"], entry.get("settings"))
@@ -258,6 +259,12 @@ def _from_dict(content: dict[str, Any]) -> Model:
         fit=content["fit"],
         provenance=content["provenance"],
     )
+    if not np.isfinite(model.x).all():
+        raise ValueError("effects: a parameter has no value")
+    if not isinstance(model.fit, dict) or not isinstance(model.provenance, dict):
+        raise ValueError("fit and provenance must be keys with values")
+    for effect in model.effects:
+        effect.check(model.arm, model.points)
     if "covariance" not in content:
         return model
     n = model.x.size

@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drake_stiffness.effects.compliance import LinkCompliance, Spring
-from drake_stiffness.errors import UntrustworthyError
+from drake_stiffness.errors import InputError, UntrustworthyError
 from drake_stiffness.identifiability import Identifiability
 from drake_stiffness.model import Model
 from drake_stiffness.rotations import Array
@@ -176,7 +176,7 @@ class Linearised:
 
     def _constraints(self, x: Any, lower: Any, upper: Any) -> list[Any]:
         """Cones, and bounds (arrays or cvxpy parameters) on the bounded parameters."""
-        import cvxpy as cp
+        cp = _cvxpy()
 
         constraints = []
         for block in self._blocks():
@@ -208,7 +208,7 @@ class Linearised:
         With x = x0 + V u / w + N y, w the weights and N the unseen directions, the fit term is || u ||^2 whatever the units and
         the conditioning of the data; frames and geometry drop out, because no cone holds them.
         """
-        import cvxpy as cp
+        cp = _cvxpy()
 
         view, free = self.view, self._free
         unit = view.weight.min()
@@ -229,7 +229,7 @@ class Linearised:
 
     def _complete(self, x0: Array) -> Array | None:
         """The springs of least norm among all that the data cannot tell from x0 and the cone allows; None if that fails."""
-        import cvxpy as cp
+        cp = _cvxpy()
 
         free = self._free
         if not free.shape[1]:
@@ -254,10 +254,20 @@ class Linearised:
         return np.asarray(x0 + free @ (np.asarray(y.value) * size))
 
 
+def _cvxpy() -> Any:
+    try:
+        import cvxpy
+    except ImportError:
+        raise InputError(
+            "cvxpy is not installed here, and method sdp needs it where a compliance matrix must be held positive semidefinite. "
+            "Install cvxpy and clarabel, or take --method least-squares."
+        ) from None
+    return cvxpy
+
+
 def _run(problem: Any, what: str, tolerances: tuple[float, ...]) -> None:
     """Solve with Clarabel, tight at first; where rounding stops it short, at looser tolerances."""
-    import cvxpy as cp
-
+    cp = _cvxpy()
     for tolerance in tolerances:
         try:
             with warnings.catch_warnings():

@@ -26,6 +26,10 @@ UNITS = {
 }  # fmt: skip
 
 
+# No quantity of a robot cell is larger in any of these units; beyond, squares would overflow on the way.
+LARGEST, LARGEST_COUNT = 1e15, 1e9
+
+
 @dataclass(frozen=True, eq=False)
 class Table:
     """A CSV file as text cells.
@@ -87,12 +91,16 @@ class Table:
                 raise InputError(
                     f"{self.where(row, name)}: found '{cell}'; expected a finite number. Leave out rows without a reading."
                 )
+            if abs(values[row]) > LARGEST:
+                raise InputError(
+                    f"{self.where(row, name)}: found '{cell}'; expected a number below {LARGEST:g} (a slip, or a wrong unit?)."
+                )
         return values
 
     def whole_numbers(self, name: str) -> np.ndarray:
         """A column of whole numbers from 0."""
         values = self.numbers(name)
-        for row in np.flatnonzero((values != np.round(values)) | (values < 0)):
+        for row in np.flatnonzero((values != np.round(values)) | (values < 0) | (values > LARGEST_COUNT)):
             raise InputError(
                 f"{self.where(int(row), name)}: found '{self.rows[row][self.column(name)]}'; expected a whole number from 0."
             )

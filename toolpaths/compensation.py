@@ -80,7 +80,8 @@ class Bench:
             return R, p, (loaded, None)
         unloaded = solve_equilibrium(self.loaded, cases.unloaded(), start[1] if start else None)
         R_u, p_u = self._tool(unloaded.R_E, unloaded.p_E)
-        R_c, p_c = self.commanded(q)
+        rigid = forward(self.loaded.arm, q)  # with its geometric errors, if those are corrected too
+        R_c, p_c = self._tool(rigid.R_E, rigid.p_E)
         return multiply(multiply(R, R_u.transpose(1, 0, 2)), R_c), p_c + p - p_u, (loaded, unloaded)
 
     def _tool(self, R_E: Floats, p_E: Floats) -> tuple[Floats, Floats]:

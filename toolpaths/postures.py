@@ -84,7 +84,10 @@ def _analytic(
     prefix = sorted(fixed) == list(range(len(fixed)))
     if len(free) != 6 or not prefix or any(arm.prismatic[i] for i in free):
         return None
-    from eaik.IK_HP import HPRobot
+    try:
+        from eaik.IK_HP import HPRobot
+    except ImportError:
+        return None
 
     N = p_WE.shape[0]
     zero = forward(arm, np.zeros((arm.num_joints, 1)))
@@ -139,16 +142,13 @@ def _continuous(branches: Floats, start: Floats, lower: Floats, upper: Floats) -
     low, high = lower - 1e-9, upper + 1e-9
     for row, candidates in enumerate(all_branches):
         near = candidates - turn * np.round((candidates - here) / turn)
-        # A turn that leaves the limits is not where a controller would go.
-        near = np.where(near > high, near - turn * np.ceil((near - high) / turn), near)
-        near = np.where(near < low, near + turn * np.ceil((low - near) / turn), near)
+        if row == 0:
+            # Nobody starts on a turn that leaves the limits; on the way a joint cannot jump a turn, and limits are reported.
+            near = np.where(near > high, near - turn * np.ceil((near - high) / turn), near)
+            near = np.where(near < low, near + turn * np.ceil((low - near) / turn), near)
         distance = np.abs(near - here).sum(axis=1)
         if np.isnan(distance).all():
             continue
-        outside = ((near > high) | (near < low)).any(axis=1)
-        # The start may prefer a branch inside the limits; on the way continuity decides, and limits are reported.
-        if row == 0 and not outside.all():
-            distance = np.where(outside, np.inf, distance)
         here = near[np.nanargmin(distance)]
         out[:, row] = here
     return out
