@@ -77,6 +77,11 @@ def main() -> None:
     console.print(f"Identifying 62 compliances from 30 simulated postures and correcting {PROGRAM} ...")
     nominal = run_trial(Scenario("as stated"), folder)
     rows = rows_of(nominal)
+    fit = nominal.identified.model.fit
+    console.print(
+        f"Held-out postures: {fit['held_out_rms_mm']:.4f} mm rms (3-D); chi-square per degree of freedom {fit['chi2_per_dof']:.3f}; "
+        f"{fit['rank']} of {fit['unknowns']} compliances are determined, the rest in combination with them."
+    )
     show(console, rows, [])
     robustness = [robustness_of(Scenario("as stated"), nominal)]
     for scenario in () if arguments.quick else SCENARIOS:

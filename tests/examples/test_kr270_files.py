@@ -176,7 +176,7 @@ def test_perfect_knowledge_leaves_only_the_rounding_of_the_program(arm: Segmente
 def test_replay_of_no_load_is_no_error_and_errors_of_the_robot_show(arm: SegmentedArm) -> None:
     q = np.deg2rad([[0.0, -80.0, 110.0, 10.0, -40.0, 5.0]])
     tcp, wrench = np.array([0.18, 0.0, 0.22]), np.array([[300.0, 0.0, -400.0, 0.0, 0.0, 0.0]])
-    assert replay(arm, q, q, wrench, tcp, force_scale=0.0).max_mm == 0.0
+    assert replay(arm, q, q, wrench, tcp, force_scale=0.0).max_mm < 1e-9  # rounding of equal equilibria
     loaded = replay(arm, q, q, wrench, tcp)
     assert replay(arm, q, q, wrench, tcp, force_scale=1.2).mean_mm == pytest.approx(1.2 * loaded.mean_mm, rel=1e-2)
     shaken = replay(arm, q, q, 0 * wrench, tcp, joint_error=np.full((1, 6), 1e-5))
