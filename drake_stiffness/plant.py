@@ -193,6 +193,7 @@ def build_arm(cell: Cell) -> Arm:
     plant = parse_plant(cell)
     chain = find_chain(plant, cell)
     plant.Finalize()
+    _warn_of_loose_bodies(plant, cell)
     context = plant.CreateDefaultContext()
     links = tuple(_link_name(lump, chain.joints[k - 1] if k else None) for k, lump in enumerate(chain.bodies))
     if len(set(links)) != len(links):
@@ -222,6 +223,16 @@ def build_arm(cell: Cell) -> Arm:
         p_ETool=np.array(cell.tool.center_of_mass_m),
         gravity=np.array(cell.gravity_m_per_s2),
     )
+
+
+def _warn_of_loose_bodies(plant: Any, cell: Cell) -> None:
+    """Say what hangs in the air: a `floating` joint inside the chain cuts it, and the part before it is no part of the arm."""
+    loose = sorted(plant.get_body(index).name() for index in plant.GetFloatingBaseBodies())
+    if loose:
+        logging.getLogger("drake_stiffness").warning(
+            "%s: %s: not connected to the flange '%s' by joints; no part of the arm. If it should be, mend the joint that ties it.",
+            cell.robot_path, ", ".join(loose), cell.robot.flange,
+        )  # fmt: skip
 
 
 def _axis(joint: Any) -> Array:

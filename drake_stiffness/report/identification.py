@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 # First word of a warning (see `statistics.warnings_of`) -> what it means to somebody who did not write it.
 _MEANING = {
-    "NOT SEEN": "Its value in the model is a placeholder. Loads, postures or points that move it would reveal it.",
+    "NOT SEEN": "Its value in the model is a convention. Loads, postures or points that move it would reveal it.",
     "NOT REVEALED": "The joint may be stiff, or the loads hardly turn it; the campaign cannot say which.",
     "MERGED": "Whatever the fit, these loads and points show sums only. Do not quote a merged value as the stiffness of that part; "
     "predictions for similar loads and points do not suffer.",
