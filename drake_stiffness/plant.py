@@ -309,22 +309,13 @@ def build_elastic_plant(cell: Cell) -> ElasticPlant:
         moved = plant.AddRigidBody(f"{name}_moved", instance, massless)
         actuated.append(plant.AddJoint(make(name, bent.body_frame(), moved.body_frame(), axis)))
         joint_springs.append(plant.AddJoint(make(f"{name}_spring", moved.body_frame(), M, axis)))
-    tool = SpatialInertia(
-        mass=cell.tool.mass_kg, p_PScm_E=np.array(cell.tool.center_of_mass_m), G_SP_E=_point_inertia(cell)
-    )
+    tool = SpatialInertia.PointMass(cell.tool.mass_kg, np.array(cell.tool.center_of_mass_m))
     end = plant.AddRigidBody("elastic_flange", instance, tool)
     link_springs.append(plant.AddJoint(RpyFloatingJoint("flange_link_spring", chain.flange, end.body_frame())))
     frame = plant.AddFrame(FixedOffsetFrame("elastic_end", end.body_frame(), RigidTransform()))
     plant.mutable_gravity_field().set_gravity_vector(np.array(cell.gravity_m_per_s2))
     plant.Finalize()
     return ElasticPlant(plant, tuple(actuated), tuple(joint_springs), tuple(link_springs), frame)
-
-
-def _point_inertia(cell: Cell) -> Any:
-    from pydrake.multibody.tree import UnitInertia
-
-    x, y, z = cell.tool.center_of_mass_m
-    return UnitInertia(y * y + z * z, x * x + z * z, x * x + y * y, -x * y, -x * z, -y * z)
 
 
 def _lock_others(plant: Any, chain: Chain) -> None:
