@@ -309,7 +309,9 @@ def build_elastic_plant(cell: Cell) -> ElasticPlant:
         moved = plant.AddRigidBody(f"{name}_moved", instance, massless)
         actuated.append(plant.AddJoint(make(name, bent.body_frame(), moved.body_frame(), axis)))
         joint_springs.append(plant.AddJoint(make(f"{name}_spring", moved.body_frame(), M, axis)))
-    tool = SpatialInertia.PointMass(cell.tool.mass_kg, np.array(cell.tool.center_of_mass_m))
+    x, y, z = cell.tool.center_of_mass_m
+    about = UnitInertia(y * y + z * z, x * x + z * z, x * x + y * y, -x * y, -x * z, -y * z)
+    tool = SpatialInertia(mass=cell.tool.mass_kg, p_PScm_E=np.array([x, y, z]), G_SP_E=about)
     end = plant.AddRigidBody("elastic_flange", instance, tool)
     link_springs.append(plant.AddJoint(RpyFloatingJoint("flange_link_spring", chain.flange, end.body_frame())))
     frame = plant.AddFrame(FixedOffsetFrame("elastic_end", end.body_frame(), RigidTransform()))
