@@ -68,16 +68,17 @@ def inspect(
     """Print the chain, the springs with their frames, and parameter counts."""
     from drake_stiffness import jobs, text
 
-    _check_outputs(json, report)
+    _check_outputs(json, report, inputs=(cell,))
     with _working() as progress:
         progress("reading the robot")
         result = jobs.inspect(cell, identifiability)
     text.show_inspection(_console(), result)
-    _write_json(json, result.to_dict())
+    page = None
     if report is not None:
         from drake_stiffness.report import inspection_report
 
-        _write(report, inspection_report(result, cell))
+        page = inspection_report(result, cell)
+    _write((json, _json(result.to_dict())), (report, page))
 
 
 @app.command()
@@ -93,7 +94,9 @@ def simulate(
     """Make a virtual campaign from the loaded equilibrium (for planning; truth is elsewhere)."""
     from drake_stiffness import jobs
 
-    _check_outputs(json)
+    _check_outputs(json, inputs=(cell, truth, plan))
+    if output.is_dir():
+        _check_outputs(output / "campaign.yaml", output / "measurements.csv", inputs=(cell, truth, plan))
     if not math.isfinite(noise_mm):
         raise InputError(f"--noise-mm: found {noise_mm}; expected a finite number, mm.")
     with _working() as progress:
@@ -104,21 +107,17 @@ def simulate(
         output.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise InputError(f"{output}: cannot be made ({error.strerror}); give a folder that can be written.") from None
-    for name, content in result.files.items():
-        _write(output / name, content)
+    summary = {
+        "files": [str(output / name) for name in result.files],
+        "displacement_rms_mm": result.displacement_rms_mm,
+        "displacement_max_mm": result.displacement_max_mm,
+        "noise_mm": noise_mm,
+        "seed": seed,
+    }
+    _write(*((output / name, content) for name, content in result.files.items()), (json, _json(summary)))
     _say(
         f"{output}{' (new)' if made else ''}: {', '.join(result.files)}; displacement {result.displacement_rms_mm:.3f} mm rms, "
         f"{result.displacement_max_mm:.3f} mm at most"
-    )
-    _write_json(
-        json,
-        {
-            "files": [str(output / name) for name in result.files],
-            "displacement_rms_mm": result.displacement_rms_mm,
-            "displacement_max_mm": result.displacement_max_mm,
-            "noise_mm": noise_mm,
-            "seed": seed,
-        },
     )
 
 
@@ -135,7 +134,7 @@ def identify(
 
     if method not in ("sdp", "least-squares"):
         raise InputError(f"--method: found '{method}'; expected sdp or least-squares.")
-    _check_outputs(output, json, report)
+    _check_outputs(output, json, report, inputs=jobs.files_of_campaign(campaign))
     with _working() as progress:
         result = jobs.identify_campaign(campaign, method, progress)
     page = None
@@ -143,12 +142,10 @@ def identify(
         from drake_stiffness.report import identification_report
 
         page = identification_report(result)
-    result.model.save(output)
-    text.show_identification(_console(), result)
     content = result.model.to_dict()
-    _write_json(json, {k: content[k] for k in ("parameters", "fit", "provenance")} | {"warnings": result.warnings})
-    if report is not None and page is not None:
-        _write(report, page)
+    summary = {k: content[k] for k in ("parameters", "fit", "provenance")} | {"warnings": result.warnings}
+    _write((output, _json(content)), (json, _json(summary)), (report, page))
+    text.show_identification(_console(), result)
 
 
 @app.command()
@@ -163,21 +160,24 @@ def predict(
     from drake_stiffness.model import load_model
     from drake_stiffness.support import REFUSE_ABOVE, WARN_ABOVE
 
-    _check_outputs(output, json)
+    _check_outputs(output, json, inputs=(model, measurements))
+    loaded = load_model(model)
     with _working() as progress:
         progress("predicting")
-        result = jobs.predict(load_model(model), measurements)
+        result = jobs.predict(loaded, measurements)
     share = float(result.unsupported.max(initial=0.0))
     beyond = int((result.unsupported > REFUSE_ABOVE).sum())
-    _write(output, result.text)
     summary: dict[str, Any] = {
         "rows": result.rows,
         "predicted_rms_mm": result.rms_mm,
         "error_rms_mm": result.error_rms_mm,
         "unsupported_share_max": share,
         "unsupported_rows": beyond,
+        "warnings": loaded.doubts(),
     }
-    _write_json(json, summary)
+    _write((output, result.text), (json, _json(summary)))
+    for line in loaded.doubts():
+        _say(f"warning: said of the model when it was identified: {line}")
     _say(f"{output}: {result.rows} predictions, {result.rms_mm:.3f} mm rms")
     if result.error_rms_mm == result.error_rms_mm:
         _say(f"measured minus predicted: {result.error_rms_mm:.4f} mm rms")
@@ -209,7 +209,7 @@ def compensate(
     from toolpaths.job import compensate as run
     from toolpaths.process import read_process
 
-    _check_outputs(output, json, report)
+    _check_outputs(output, json, report, inputs=(program, model, process))
     loaded, job = load_model(model), read_process(process)
     with _working() as progress:
         progress("reading the program")
@@ -227,11 +227,8 @@ def compensate(
         from drake_stiffness.report import compensation_report
 
         page = compensation_report(result, loaded)
-    _write(output, result.raw)
+    _write((output, result.raw), (json, _json(result.to_dict())), (report, page))
     text.show_compensation(_console(), result, output)
-    _write_json(json, result.to_dict())
-    if report is not None and page is not None:
-        _write(report, page)
 
 
 def _console() -> Console:
@@ -257,22 +254,24 @@ def _say(message: str) -> None:
     typer.echo(message, err=True)
 
 
-def _write(path: Path, content: bytes | str) -> None:
-    from drake_stiffness.files import write_whole
+def _write(*outputs: tuple[Path | None, bytes | str | None]) -> None:
+    """Write all outputs that were asked for, or none."""
+    from drake_stiffness.files import write_together
 
-    write_whole(path, content)
+    write_together([(path, content) for path, content in outputs if path is not None and content is not None])
 
 
-def _write_json(path: Path | None, content: object) -> None:
+def _json(content: object) -> str:
     from drake_stiffness.files import json_text
 
-    if path is not None:
-        _write(path, json_text(content))
+    return json_text(content)
 
 
-def _check_outputs(*paths: Path | None) -> None:
-    """Say that a folder is missing before the work, not after it."""
+def _check_outputs(*paths: Path | None, inputs: tuple[Path, ...] = ()) -> None:
+    """Say what is wrong with outputs before the work, not after it."""
     for path in paths:
+        if path is not None and any(path.resolve() == other.resolve() for other in inputs):
+            raise InputError(f"{path}: this is an input; give the result another name, the original is needed again.")
         if path is not None and not path.absolute().parent.is_dir():
             raise InputError(f"{path}: the folder {path.absolute().parent} does not exist; make it first.")
         if path is not None and path.is_dir():

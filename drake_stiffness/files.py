@@ -173,21 +173,36 @@ def write_whole(path: Path, data: bytes | str) -> None:
     InputError
         If the folder does not exist or cannot be written.
     """
-    payload = data.encode() if isinstance(data, str) else data
-    name = None
+    write_together([(path, data)])
+
+
+def write_together(outputs: list[tuple[Path, bytes | str]]) -> None:
+    """Write several files so that all appear whole, or none.
+
+    Raises
+    ------
+    InputError
+        If a folder does not exist or cannot be written.
+    """
+    staged: list[tuple[str, Path]] = []
+    path = Path()
     try:
-        with tempfile.NamedTemporaryFile(dir=path.parent, prefix=f".{path.name}.", delete=False) as stream:
-            name = stream.name
-            stream.write(payload)
+        for path, data in outputs:
+            with tempfile.NamedTemporaryFile(dir=path.parent, prefix=f".{path.name}.", delete=False) as stream:
+                staged.append((stream.name, path))
+                stream.write(data.encode() if isinstance(data, str) else data)
         # NamedTemporaryFile makes files private; an output has the permissions any new file would have.
         umask = os.umask(0)
         os.umask(umask)
-        os.chmod(name, 0o666 & ~umask)
-        os.replace(name, path)
+        for name, path in staged:
+            os.chmod(name, 0o666 & ~umask)
+            os.replace(name, path)
     except OSError as error:
-        if name is not None and os.path.exists(name):
-            os.unlink(name)
         raise InputError(f"{path}: cannot be written ({error.strerror}); check that the folder exists.") from None
+    finally:
+        for name, _ in staged:
+            if os.path.exists(name):
+                os.unlink(name)
 
 
 def json_text(content: object) -> str:

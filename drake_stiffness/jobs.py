@@ -19,6 +19,7 @@ from drake_stiffness.campaign import (
     read_measurements,
 )
 from drake_stiffness.cell import read_cell
+from drake_stiffness.errors import InputError
 from drake_stiffness.files import sha256
 from drake_stiffness.model import Model
 
@@ -64,6 +65,16 @@ def provenance(files: dict[str, Path], seed: int | None) -> dict[str, Any]:
     }
 
 
+def files_of_campaign(path: Path) -> tuple[Path, ...]:
+    """The campaign file and, as far as they can be told, the files it names: none of them may be overwritten."""
+    try:
+        campaign = read_campaign_file(path)
+        cell = path.parent / campaign.cell
+        return path, cell, path.parent / campaign.measurements, read_cell(cell).robot_path
+    except InputError:
+        return (path,)  # what is wrong with it is said when it is used
+
+
 def identify_campaign(path: Path | str, method: str = "sdp", progress: Progress = quiet) -> Identified:
     """Identify the model of a campaign (command `identify`).
 
@@ -74,7 +85,6 @@ def identify_campaign(path: Path | str, method: str = "sdp", progress: Progress 
     """
     from drake_stiffness import statistics as st
     from drake_stiffness.assembly import campaign_effects, make_model, spring_effects
-    from drake_stiffness.errors import InputError
     from drake_stiffness.identification import identify
     from drake_stiffness.observation import observe, restrict
     from drake_stiffness.plant import build_arm

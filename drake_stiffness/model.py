@@ -206,6 +206,23 @@ class Model:
             "confounded_with": [],
         }
 
+    def doubts(self) -> list[str]:
+        """What identification already said against this model: a prediction repeats it."""
+        grave = ("NOT PHYSICAL", "NOISE REJECTED", "NOTHING SEEN")
+        return [line for line in self.fit.get("warnings", []) if line.startswith(grave)]
+
+    def impossible(self) -> str | None:
+        """Why nothing must be machined by this model, or None: springs that push back, or none at all."""
+        s = self.statistics
+        for i, parameter in enumerate(self.parameters):
+            sure = s is not None and s.group[i].startswith("G1") and self.x[i] < -3 * s.sigma[i]
+            if parameter.lower == 0.0 and sure:
+                return f"{self.names[i]} = {self.x[i]:.3g} {parameter.unit} is negative beyond doubt; no spring gives way against its load"
+        springs = np.array([isinstance(e, Spring) for e in self.effects for _ in e.parameters], dtype=bool)
+        if springs.any() and np.abs(self.x[springs] / self.scales[springs]).max() < 1e-6:
+            return "all its compliances are zero: its campaign contradicts every spring, or loaded none"
+        return None
+
     def save(self, path: Path | str) -> None:
         """Write `model.json`, whole or not at all."""
         write_whole(Path(path), json_text(self.to_dict()))
@@ -265,6 +282,7 @@ def _from_dict(content: dict[str, Any]) -> Model:
         raise ValueError("fit and provenance must be keys with values")
     for effect in model.effects:
         effect.check(model.arm, model.points)
+    _check_blocks(content, model)
     if "covariance" not in content:
         return model
     n = model.x.size
@@ -275,6 +293,8 @@ def _from_dict(content: dict[str, Any]) -> Model:
         len(seen), len(seen)
     )
     entries = content["parameters"]
+    if not all(isinstance(entry["group"], str) for entry in entries):
+        raise ValueError("parameters: a group is missing though there is a covariance")
     statistics = Statistics(
         sigma=np.array([np.nan if e["sigma"] is None else e["sigma"] for e in entries], dtype=float),
         group=tuple(e["group"] for e in entries),
@@ -283,3 +303,14 @@ def _from_dict(content: dict[str, Any]) -> Model:
         null_space=np.array(content["not_identified"]["directions"], dtype=float).reshape(-1, n).T,
     )
     return replace(model, statistics=statistics)
+
+
+def _check_blocks(content: dict[str, Any], model: Model) -> None:
+    """Raise ValueError unless `springs` and `parameters` say the same as `effects`, from which values are taken."""
+    mine = model.to_dict()
+    for block, key in (("springs", "compliance"), ("parameters", "value")):
+        if [entry["name"] for entry in content[block]] != [entry["name"] for entry in mine[block]]:
+            raise ValueError(f"{block} does not list what effects has")
+        for theirs, own in zip(content[block], mine[block], strict=True):
+            if not np.allclose(np.array(theirs[key], dtype=float), own[key], rtol=1e-9, atol=1e-30):
+                raise ValueError(f"{block}: '{own['name']}' has another {key} than effects; edit neither by hand")

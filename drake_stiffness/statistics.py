@@ -157,6 +157,11 @@ def warnings_of(solution: Solution, statistics: Statistics, fit: GoodnessOfFit, 
             f"BOUNDED: the positive-semidefinite constraint is active for {', '.join(solution.active)} and moves the fit by "
             f"{solution.departure:.2g} sigma of all readings together; there the stated sigma is that of the unconstrained fit."
         )
+    if not solution.identifiability.fitted:
+        lines.insert(
+            0,
+            "NOTHING SEEN: no reading depends on anything that was to be identified; the model holds no evidence at all.",
+        )
     if fit.dof <= 0:
         lines.append(
             f"NO CHECK: {o.rows} readings leave no degree of freedom for {solution.identifiability.rank} unknowns."

@@ -23,6 +23,10 @@ from drake_stiffness.sensitivity import sensitivity
 # Beyond this share a prediction is refused (exit code 3); beyond the smaller one the user is warned.
 REFUSE_ABOVE = 0.2
 WARN_ABOVE = 0.02
+# Compliances below this, in units of scale, are none.
+_NOTHING = 1e-6
+# Readings whose gradients are held at once.
+_CHUNK = 2048
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,9 +47,15 @@ class Support:
 
 def displacement_support(model: Model, cases: Cases, case: NDArray[np.int_], point: NDArray[np.str_]) -> Support:
     """Support of predicted displacements (loaded minus unloaded at the same joints)."""
-    loaded = sensitivity(model, cases, case, point)[:, :3]
-    unloaded = sensitivity(model, cases.unloaded(), case, point)[:, :3]
-    return _support(model, loaded - unloaded)
+    parts = []
+    for start in range(0, case.size, _CHUNK):
+        own = slice(start, start + _CHUNK)
+        used, here = np.unique(case[own], return_inverse=True)
+        few = cases.take(used)
+        loaded = sensitivity(model, few, here.reshape(-1), point[own])[:, :3]
+        unloaded = sensitivity(model, few.unloaded(), here.reshape(-1), point[own])[:, :3]
+        parts.append(_support(model, loaded - unloaded))
+    return Support(np.concatenate([p.sigma for p in parts]), np.concatenate([p.unsupported for p in parts]))
 
 
 def tool_support(model: Model, cases: Cases) -> Support:
@@ -67,7 +77,7 @@ def _support(model: Model, gradient: Array) -> Support:
     if s is None or not model.x.size:
         return Support(np.full((M, 3), np.nan), np.zeros(M))
     cov = s.covariance / np.outer(model.scales, model.scales)
-    variance = np.einsum("mci,ij,mcj->mc", gradient, cov, gradient, optimize=True)
+    variance = np.einsum("mci,mci->mc", gradient @ cov, gradient)
     return Support(np.sqrt(np.maximum(variance, 0.0)), _unsupported(model, gradient, s.null_space))
 
 
@@ -76,8 +86,10 @@ def _unsupported(model: Model, gradient: Array, unseen: Array) -> Array:
         return np.zeros(gradient.shape[0])
     size = np.abs(model.x / model.scales)
     springs = np.array([isinstance(e, Spring) for e in model.effects for _ in e.parameters], dtype=bool)
-    typical = np.sqrt((size[springs] ** 2).mean()) if springs.any() else 0.0
+    # A model without any compliance, a campaign without load say, has no typical size: then one unit of scale is.
+    typical = float(np.sqrt((size[springs] ** 2).mean())) if springs.any() else 0.0
+    typical = typical if typical > _NOTHING else 1.0
     weight = np.where(springs, np.maximum(size, typical), 1.0)
-    blind = np.einsum("mci,ik,jk->mcj", gradient, unseen, unseen, optimize=True)
+    blind = (gradient @ unseen) @ unseen.T
     whole = np.sqrt(((gradient * weight) ** 2).sum(axis=(1, 2)))
     return np.sqrt(((blind * weight) ** 2).sum(axis=(1, 2))) / np.where(whole > 0, whole, 1.0)

@@ -102,8 +102,10 @@ def show_compensation(console: Console, result: Compensation, output: Path) -> N
     for label, key in rows:
         table.add_row(label, *(f"{d[key][k]:.4f}" for k in ("mean", "rms", "p95", "max")))
     console.print(table)
+    share = d["percent_compensated"]
+    compensated = f"{share:.2f} %" if share == share else "nothing to be"
     console.print(
-        f"Predicted by this model: {d['percent_compensated']:.2f} % compensated in {d['iterations']} iterations; half a printed digit "
+        f"Predicted by this model: {compensated} compensated in {d['iterations']} iterations; half a printed digit "
         f"is {d['half_printed_digit_mm']:g} mm."
     )
     for refusal in result.refusals[:20]:

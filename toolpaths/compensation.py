@@ -197,9 +197,11 @@ def _mirror_chunk(
         seen = (last < np.inf) & (last > 100 * _TOLERANCE)
         contraction = np.where(seen, np.maximum(contraction, size / np.where(seen, last, 1.0)), contraction)
         last = size
-        if not (size > _TOLERANCE).any() or (contraction > 1.0).any():
+        # A point whose steps grow is left where it is; it is refused in the end, its neighbours are not.
+        alive = contraction <= 1.0
+        if not (alive & (size > _TOLERANCE)).any():
             break
-        q = command(bench, q, off, free)
+        q = np.where(alive, command(bench, q, off, free), q)
         off, states = deviation(bench, q, wrench, R0, p0, position_only, states)
         steps += 1
         if steps == 1:

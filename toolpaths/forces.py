@@ -120,6 +120,7 @@ def _feed(program: Program, rows: NDArray[np.int_], p_W: Floats) -> Floats:
     before[first] = np.minimum(rows[first] + 1, p_W.shape[0] - 1)
     step = p_W[rows] - p_W[before]
     step[first] *= -1
+    step[~first & ~program.follows[rows]] = 0.0  # it starts from somewhere else
     via, end = program.role[rows] == "via", program.role[rows] == "end"
     if via.any():
         # Both poses of an arc are rows in sequence: start, via, end.

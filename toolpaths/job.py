@@ -26,8 +26,6 @@ Progress = Callable[[str, int, int], None]
 
 # Below this the arm is at a singularity (see `singularity_margin`): about half a degree of a straight wrist.
 SINGULAR_BELOW = 5e-3
-# Predictions' support is looked at on at most this many points, evenly along the path.
-_SUPPORT_POINTS = 200
 
 
 def silent(what: str, done: int, total: int) -> None:
@@ -61,6 +59,11 @@ def compensate(
         contract; if the model's campaign does not support the prediction.
     """
     check_model(process, model)
+    wrong = model.impossible()
+    if wrong is not None:
+        raise UntrustworthyError(
+            f"the model must not be used to machine: {wrong}. Check signs and units of the campaign's loads."
+        )
     check_frames(process, program, model)
     _refuse(program, program.refusals, keep_refused)
     rows = np.flatnonzero(program.corrected)
@@ -108,7 +111,7 @@ def compensate(
         method=postures.method,
         refusals=(*program.refusals, *written.refusals),
         insertions=written.insertions,
-        notes=_notes(program, process, rows, only, sigma, unsupported, after, correction),
+        notes=_notes(model.doubts(), program, process, rows, only, sigma, unsupported, after, correction),
     )
 
 
@@ -243,7 +246,8 @@ def _support(
     program: Program, model: Model, rows: NDArray[np.int_], q: Floats, wrench: Floats
 ) -> tuple[NDArray[np.int_], Floats, Floats]:
     """Points along the path, their sigma (m) and unsupported share; refuse what the campaign does not support."""
-    some = np.unique(np.linspace(0, rows.size - 1, min(_SUPPORT_POINTS, rows.size)).astype(int))
+    # Every point: one motion that the campaign does not support is one too many.
+    some = np.arange(rows.size)
     support = tool_support(model, Cases(q[:, some], wrench[:, some], model.tcp[1]))
     share = support.unsupported
     if (share > REFUSE_ABOVE).any():
@@ -257,6 +261,7 @@ def _support(
 
 
 def _notes(
+    doubts: list[str],
     program: Program,
     process: Process,
     rows: NDArray[np.int_],
@@ -266,8 +271,15 @@ def _notes(
     after: Floats,
     correction: Floats,
 ) -> list[str]:
-    notes = [f"line {n.line}: {n.reason}" for n in program.notes[:20]]
+    notes = [f"said of the model when it was identified: {line}" for line in doubts]
+    notes += [f"line {n.line}: {n.reason}" for n in program.notes[:20]]
     notes += list(program.warnings)
+    driven = [f"E{i + 1}" for i in range(6) if (np.nan_to_num(program.external[rows, i]) != 0).any()]
+    loose = sorted(set(driven) - {word.upper() for word in process.external_axes})
+    if loose:
+        notes.append(
+            f"{', '.join(loose)} is driven by the program but moves nothing here; a positioner would move the workpiece"
+        )
     if only.any():
         notes.append(
             f"{int(only.sum())} of {rows.size} points write no orientation: only their positions were corrected"

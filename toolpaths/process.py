@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+from itertools import pairwise
 from pathlib import Path
 from typing import Any, Literal
 
@@ -11,11 +13,11 @@ from pydantic import Field, PrivateAttr, model_validator
 
 from drake_stiffness.cell import Pose, read_cell
 from drake_stiffness.errors import InputError
-from drake_stiffness.files import Document, read_yaml
+from drake_stiffness.files import Document, read_yaml, sha256
 from drake_stiffness.model import Model
 from drake_stiffness.rotations import rpy_rotation
 from toolpaths.orientation import rotation_from_abc
-from toolpaths.program import Program
+from toolpaths.program import FrameSetting, Program
 
 Floats = NDArray[np.float64]
 Frame = Literal["tool", "path", "workpiece", "world"]
@@ -95,7 +97,14 @@ def check_model(process: Process, model: Model) -> None:
     if process.cell is None:
         return
     path = process.path.parent / process.cell
-    named = _identity(read_cell(path).model_dump(mode="json"))
+    cell = read_cell(path)
+    robot, stated = cell.robot_path, model.provenance.get("inputs", {}).get("robot", {}).get("sha256")
+    if stated is not None and robot.exists() and sha256(robot) != stated:
+        raise InputError(
+            f"{process.path}: the model is of another cell than {path}: its robot description {robot} is not the file that the model was "
+            "made from (SHA-256 differs). Identify again, or name the cell the model was made from."
+        )
+    named = _identity(cell.model_dump(mode="json"))
     own = _identity(model.cell)
     for key, value in named.items():
         if value != own.get(key):
@@ -124,7 +133,8 @@ def check_frames(process: Process, program: Program, model: Model) -> None:
     """Raise InputError if a frame that the program itself sets disagrees with process.yaml or the cell."""
     R_WB, p_WB = process.base
     R_ET, p_ET = model.tcp
-    for setting in program.frames:
+    governing = _governing(program)
+    for setting in governing:
         if setting.origin == "controller":
             continue  # its numbers live in the controller; process.yaml and the cell state them
         name = "$BASE" if setting.what == "base" else "$TOOL"
@@ -145,6 +155,38 @@ def check_frames(process: Process, program: Program, model: Model) -> None:
                 f"{where}: differs from {key} by {distance:.3f} mm and {angle:.4f} deg; the program would be corrected in the wrong "
                 "place. Make the two agree."
             )
+    _refuse_changes(program, governing)
+
+
+def _governing(program: Program) -> list[FrameSetting]:
+    """The settings in force at corrected motions."""
+    lines = np.sort(program.line[program.corrected])
+    found: list[FrameSetting] = []
+    for what in ("base", "tool"):
+        settings = sorted((s for s in program.frames if s.what == what), key=lambda s: s.line)
+        ends = [*(s.line for s in settings[1:]), np.inf]
+        mine = [s for s, end in zip(settings, ends, strict=False) if ((lines > s.line) & (lines < end)).any()]
+        found += mine
+    return found
+
+
+def _refuse_changes(program: Program, settings: list[FrameSetting]) -> None:
+    """Raise InputError if base or tool change between corrected motions: process.yaml holds one workpiece, the cell one tool."""
+    for one, two in pairwise(settings):
+        if one.what == two.what and _frame_key(one) != _frame_key(two):
+            name = "$BASE" if one.what == "base" else "$TOOL"
+            raise InputError(
+                f"{program.path}, line {two.line}: {two.text.strip()}: {name} changes between corrected motions (line {one.line}: "
+                f"{one.text.strip()}); process.yaml and the cell hold one. Split the program, one part per frame."
+            )
+
+
+def _frame_key(setting: FrameSetting) -> object:
+    """What tells one frame from another: the literal's numbers, or the number in the controller's table."""
+    if setting.origin == "literal":
+        return setting.pose
+    numbers = re.findall(r"\d+", setting.text.split(";")[0])
+    return numbers[-1] if numbers else setting.text.strip().upper()
 
 
 def posture(process: Process, model: Model) -> Floats:
@@ -168,6 +210,22 @@ def posture(process: Process, model: Model) -> Floats:
     return q
 
 
+def _refuse_unmapped(process: Process, program: Program, model: Model, rows: NDArray[np.int_]) -> None:
+    """Raise InputError if the program drives an axis that nothing maps while the arm has joints to spare."""
+    mapped = {word.upper() for word in process.external_axes}
+    spare = model.arm.num_joints - 6 - len(mapped)
+    for place in range(6):
+        word = f"E{place + 1}"
+        values = program.external[rows, place]
+        if word in mapped or spare <= 0 or not (np.nan_to_num(values) != 0).any():
+            continue
+        row = int(rows[np.flatnonzero(np.nan_to_num(values) != 0)[0]])
+        raise InputError(
+            f"{program.path}, line {program.line[row]}: {word} is driven, but external_axes of {process.path} does not say which joint "
+            f"it is; the arm has {model.arm.num_joints} joints ({', '.join(model.arm.joint_names)}). Add external_axes: {{{word}: joint}}."
+        )
+
+
 def external_positions(process: Process, program: Program, model: Model, rows: NDArray[np.int_]) -> dict[int, Floats]:
     """Joint number to position (rows,), rad or m, of joints that words of the program drive.
 
@@ -177,6 +235,7 @@ def external_positions(process: Process, program: Program, model: Model, rows: N
         If a word or joint does not exist, or a row does not say the word.
     """
     arm, found = model.arm, {}
+    _refuse_unmapped(process, program, model, rows)
     for word, joint in process.external_axes.items():
         if joint not in arm.joint_names:
             raise InputError(

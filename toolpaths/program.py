@@ -113,6 +113,8 @@ class Program:
         (N,) byte offset at which the words of the pose begin, -1 where the dialect cannot insert words.
     unit
         (6,) mm or deg per unit of the token.
+    follows
+        (N,) whether the motion starts where the row before ends; not so after a motion whose target is not known.
     frames, refusals, notes, warnings
         Frames the program sets; what cannot be corrected; motions without force whose pose is not known; the rest.
     """
@@ -133,6 +135,7 @@ class Program:
     also: Ints
     body: Ints
     unit: Floats
+    follows: Bools
     frames: tuple[FrameSetting, ...] = ()
     refusals: tuple[Refusal, ...] = ()
     notes: tuple[Refusal, ...] = ()
@@ -216,12 +219,14 @@ class ProgramBuilder:
         self._kind: list[str] = []
         self._role: list[str] = []
         self._flags = bytearray()
+        self._moved = True
 
     def __len__(self) -> int:
         return len(self._line)
 
-    def forget(self) -> None:
-        """From here on, nothing is known of the pose."""
+    def forget(self, *, moved: bool = True) -> None:
+        """From here on, the words of the pose are not known; with `moved` not even where the machine stands."""
+        self._moved = self._moved or moved
         self.values = [float("nan")] * 12
         self.source = [-1] * 6
 
@@ -249,7 +254,8 @@ class ProgramBuilder:
         self._line.append(line)
         self._kind.append(kind)
         self._role.append(role)
-        self._flags.append(carries_force + 2 * refused)
+        self._flags.append(carries_force + 2 * refused + 4 * (not self._moved))
+        self._moved = False
         self._poses.extend(self.values)
         self._source.extend(self.source)
         self._span.extend(chain.from_iterable(span))
@@ -278,6 +284,7 @@ class ProgramBuilder:
             also=_ints(self.also, len(self.also) // 3, 3),
             body=_ints(self._body, count),
             unit=unit,
+            follows=(flags & 4) == 4,
             **said,  # type: ignore[arg-type]
         )
 

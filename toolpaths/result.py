@@ -90,7 +90,7 @@ class Compensation:
             "uncompensated_mm": _summary(self.before_mm),
             "one_shot_residual_mm": _summary(self.one_shot_mm),
             "residual_mm": _summary(self.after_mm),
-            "percent_compensated": percent(self.before_mm, self.after_mm),
+            "percent_compensated": percent(self.before_mm, self.after_mm, self.quantum_mm),
             "model_sigma_mm": _summary(self.sigma_mm),
             "unsupported_share": float(self.unsupported.max(initial=0.0)),
             "iterations": self.steps,
@@ -115,6 +115,6 @@ def _summary(values: Floats) -> dict[str, float]:
     }
 
 
-def percent(before: Floats, after: Floats) -> float:
-    """Percent of the mean deviation that is compensated; NaN where there was none."""
-    return float(100 * (1 - after.mean() / before.mean())) if before.size and before.mean() > 0 else float("nan")
+def percent(before: Floats, after: Floats, quantum: float) -> float:
+    """Percent of the mean deviation that is compensated; NaN where there was none that printing could show."""
+    return float(100 * (1 - after.mean() / before.mean())) if before.size and before.mean() > quantum else float("nan")

@@ -130,7 +130,7 @@ class _Reader:
         frame = frame_setting(raw, start, end, self.line)
         if frame is not None:
             self.frames.append(frame)
-            self.forget(f"the {frame.what} set in line {self.line}")
+            self.forget(f"the {frame.what} set in line {self.line}", moved=False)
         elif EMBEDDED_MOTION.search(without_strings(code)) is not None:
             self.has_motion = True
             self.refuse("LIN", start, "a motion inside another statement")
@@ -142,8 +142,8 @@ class _Reader:
             if why is not None:
                 self.forget(f"{why} in line {self.line}")
 
-    def forget(self, since: str) -> None:
-        self.rows.forget()
+    def forget(self, since: str, *, moved: bool = True) -> None:
+        self.rows.forget(moved=moved)
         self.unknown_since = since
 
     def refuse(self, kind: str, at: int, found: str) -> None:
