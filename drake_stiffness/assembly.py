@@ -48,7 +48,7 @@ def spring_effects(cell: Cell, arm: Arm) -> list[Effect]:
     InputError
         If a joint or link does not exist, or a beam has neither length nor a stated axis.
     """
-    where = f"cell.yaml of {cell.robot_path.name}: springs"
+    where = f"{cell.path}: springs"
     joints = _select(cell.springs.joints, arm.joint_names, f"{where}.joints")
     links = _select(cell.springs.links, arm.link_names, f"{where}.links")
     axes = dict(cell.springs.beam_axes)

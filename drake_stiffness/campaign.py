@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import logging
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
@@ -13,7 +15,7 @@ from pydantic import Field, model_validator
 
 from drake_stiffness.arm import Arm
 from drake_stiffness.effects.effect import Cases
-from drake_stiffness.errors import InputError
+from drake_stiffness.errors import InputError, NoEquilibriumError, UntrustworthyError
 from drake_stiffness.files import Document, read_yaml
 from drake_stiffness.rotations import Array
 from drake_stiffness.tables import Table, read_table
@@ -291,49 +293,13 @@ def _warn_of_limits(table: Table, arm: Arm, cases: Cases, lead: NDArray[np.int_]
         )  # fmt: skip
 
 
-def posture_groups(cases: Cases) -> NDArray[np.int_]:
-    """A number for every experiment; experiments of one posture (to 1e-6 rad) share it, so that they stay together."""
-    from scipy.sparse import coo_array
-    from scipy.sparse.csgraph import connected_components
-    from scipy.spatial import cKDTree
-
-    _, first = np.unique(cases.experiment, return_index=True)
-    q = cases.q[:, first].T
-    # A grid cell and its neighbour may share a posture at their border, so near pairs are joined, not cells compared.
-    pairs = cKDTree(q).query_pairs(1e-6, output_type="ndarray")
-    links = coo_array((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(len(q), len(q)))
-    return np.asarray(connected_components(links, directed=False)[1])
-
-
-def held_out_experiments(measurements: Measurements, hold_out: HoldOut | None, where: str) -> NDArray[np.bool_]:
-    """Which experiments take no part in the fit.
-
-    Raises
-    ------
-    InputError
-        If a named experiment does not exist, or nothing is left to fit or to hold out.
-    """
-    held = np.zeros(len(measurements.experiments), dtype=bool)
-    if hold_out is None:
-        return held
-    groups = posture_groups(measurements.cases)
-    if hold_out.experiments is not None:
-        for name in hold_out.experiments:
-            if name not in measurements.experiments:
-                raise InputError(
-                    f"{where}: hold_out.experiments: no experiment '{name}' in {measurements.table.path}; it has "
-                    f"{', '.join(measurements.experiments[:8])}{' ...' if len(measurements.experiments) > 8 else ''}."
-                )
-        named = np.isin(measurements.experiments, hold_out.experiments)
-        held = np.isin(groups, groups[named])
-        extra = [e for e, h, n in zip(measurements.experiments, held, named, strict=True) if h and not n]
-        if extra:
-            log.warning("held out as well, because they share a posture with one that is: %s", ", ".join(extra))
-    else:
-        assert hold_out.fraction is not None
-        number = int(groups.max()) + 1
-        chosen = np.random.default_rng(hold_out.seed).permutation(number)[: max(1, round(hold_out.fraction * number))]
-        held = np.isin(groups, chosen)
-    if held.all():
-        raise InputError(f"{where}: hold_out leaves no experiment to fit; hold out fewer.")
-    return held
+@contextmanager
+def naming_the_step(m: Measurements) -> Iterator[None]:
+    """Say experiment and step where an equilibrium is missing, instead of the number of a case."""
+    try:
+        yield
+    except NoEquilibriumError as error:
+        if error.case >= m.cases.number:
+            raise
+        name, step = m.experiments[m.cases.experiment[error.case]], m.cases.step[error.case]
+        raise UntrustworthyError(f"{m.table.path}: experiment '{name}', step {step}: {error.what}") from None

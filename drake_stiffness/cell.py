@@ -56,7 +56,7 @@ class Cell(Document):
     reference_points_m: dict[str, Vector3] = Field(min_length=1)
     springs: Springs = Springs()
 
-    _folder: Path = PrivateAttr(default=Path())
+    _path: Path = PrivateAttr(default=Path("cell.yaml"))
 
     @field_validator("reference_points_m")
     @classmethod
@@ -80,7 +80,12 @@ class Cell(Document):
     @property
     def robot_path(self) -> Path:
         """The robot description; a path inside a file is relative to that file."""
-        return self._folder / self.robot.model
+        return self._path.parent / self.robot.model
+
+    @property
+    def path(self) -> Path:
+        """The file it was read from."""
+        return self._path
 
 
 def read_cell(path: Path | str) -> Cell:
@@ -93,5 +98,5 @@ def read_cell(path: Path | str) -> Cell:
     """
     path = Path(path)
     cell = read_yaml(path, Cell, "a cell description (cell.yaml)")
-    cell._folder = path.parent
+    cell._path = path
     return cell

@@ -13,3 +13,19 @@ class InputError(ValueError):
 
 class UntrustworthyError(RuntimeError):
     """The job ran, but its result must not be trusted or the program cannot be machined so (exit code 3)."""
+
+
+class NoEquilibriumError(UntrustworthyError):
+    """A load that the arm cannot carry, or whose equilibrium is not found.
+
+    Parameters
+    ----------
+    case : int
+        Which of the cases, from 0.
+    what : str
+        Posture, load and reason.
+    """
+
+    def __init__(self, case: int, what: str) -> None:
+        super().__init__(f"case {case + 1}, {what}")
+        self.case, self.what = case, what

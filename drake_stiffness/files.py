@@ -133,11 +133,28 @@ def _teach(path: Path, error: ValidationError, document: type[Document]) -> str:
                 f"{path}: {keys}: unknown key (value {_short(finding['input'])}).{hint} Known keys: {', '.join(known)}."
             )
         elif finding["type"] == "missing":
-            lines.append(f"{path}: {keys}: missing; it must be given.")
+            lines.append(f"{path}: {keys}: missing; add the key '{finding['loc'][-1]}'{_unit(finding['loc'])}.")
         else:
-            message = finding["msg"].removeprefix("Value error, ")
-            lines.append(f"{path}: {keys}: found {_short(finding['input'])}; {message[0].lower() + message[1:]}.")
+            message = (
+                finding["msg"]
+                .removeprefix("Value error, ")
+                .replace("Input should be", "expected")
+                .replace("input should be", "expected")
+            )
+            lines.append(
+                f"{path}: {keys}: found {_short(finding['input'])}; {message[0].lower() + message[1:]}{_unit(finding['loc'])}. Mend this value."
+            )
     return "\n".join(lines)
+
+
+def _unit(location: tuple[int | str, ...]) -> str:
+    """The unit that a key carries in its name, for a message."""
+    words = [str(part) for part in location if isinstance(part, str)]
+    for name in reversed(words):
+        found = re.search(r"_(mm|m|um|deg|rad|mrad|N|kN|Nm|kg|m_per_s2)$", name)
+        if found:
+            return f" (in {found[1].replace('_per_s2', '/s^2')})"
+    return ""
 
 
 def _known_keys(document: type[Document], location: tuple[int | str, ...]) -> list[str]:

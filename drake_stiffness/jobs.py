@@ -11,16 +11,11 @@ from typing import Any
 import numpy as np
 
 import drake_stiffness
-from drake_stiffness.campaign import (
-    CampaignFile,
-    Measurements,
-    held_out_experiments,
-    read_campaign_file,
-    read_measurements,
-)
+from drake_stiffness.campaign import CampaignFile, Measurements, naming_the_step, read_campaign_file, read_measurements
 from drake_stiffness.cell import read_cell
 from drake_stiffness.errors import InputError
 from drake_stiffness.files import sha256
+from drake_stiffness.hold_out import held_out_experiments
 from drake_stiffness.model import Model
 
 Progress = Callable[[str], None]
@@ -89,7 +84,7 @@ def identify_campaign(path: Path | str, method: str = "sdp", progress: Progress 
     from drake_stiffness.observation import observe, restrict
     from drake_stiffness.plant import build_arm
     from drake_stiffness.semidefinite import smallest_eigenvalue
-    from drake_stiffness.start import starting_model
+    from drake_stiffness.start import hint_of_frame, starting_model
 
     path = Path(path)
     campaign = read_campaign_file(path)
@@ -112,7 +107,9 @@ def identify_campaign(path: Path | str, method: str = "sdp", progress: Progress 
     fitted = restrict(m, ~held)
     o = observe(fitted, displacement, campaign.noise)
     model = starting_model(make_model(cell, arm, effects), fitted)
-    solution = identify(model, o, method, progress)  # type: ignore[arg-type]
+    hint_of_frame(model, fitted)
+    with naming_the_step(fitted):
+        solution = identify(model, o, method, progress)  # type: ignore[arg-type]
     fit = st.goodness(solution, o)
     numbers, how = st.statistics(solution, o, fit)
     score = (
@@ -177,7 +174,8 @@ def simulate(
     arm = build_arm(cell)
     model = read_truth(truth, cell, arm)
     m = read_measurements(plan, arm, tuple(cell.reference_points_m), model.load_point, readings=False)
-    change = simulate_displacement(model, m.cases, m.case, m.point)
+    with naming_the_step(m):
+        change = simulate_displacement(model, m.cases, m.case, m.point)
     loaded = ~m.unloaded[m.case]
     size = np.linalg.norm(change.dp, axis=0)[loaded] * 1e3
     files = campaign_files(m, change.loaded.p, Path(cell_path), folder, sigma_mm, seed)
@@ -219,7 +217,8 @@ def predict(model: Model, path: Path | str) -> Predicted:
 
     points = tuple(model.points)
     m = read_measurements(path, model.arm, points, model.load_point, readings=False)
-    change = simulate_displacement(model, m.cases, m.case, m.point)
+    with naming_the_step(m):
+        change = simulate_displacement(model, m.cases, m.case, m.point)
     absolute = model.fit.get("quantity") == "position"
     support = (position_support if absolute else displacement_support)(model, m.cases, m.case, m.point)
     added = {}

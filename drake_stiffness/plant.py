@@ -8,6 +8,7 @@ from; the second is the independent judge of what the Arm computes, and what use
 from __future__ import annotations
 
 import logging
+import re
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -16,6 +17,7 @@ import numpy as np
 
 from drake_stiffness.arm import Arm
 from drake_stiffness.cell import Cell
+from drake_stiffness.chain_names import check_names
 from drake_stiffness.errors import InputError
 from drake_stiffness.files import read_bytes
 from drake_stiffness.meshes import warn_of_missing_meshes
@@ -55,7 +57,7 @@ def parse_plant(cell: Cell) -> Any:
     # Drake writes warnings (missing actuator limits and the like) to its own log; what concerns the user is raised.
     logging.getLogger("drake").setLevel(logging.ERROR)
     try:
-        parser.AddModels(str(path))
+        _add_models(parser, path)
     except (RuntimeError, ValueError) as error:
         reason = str(error).strip().splitlines()[0]
         raise InputError(
@@ -64,6 +66,28 @@ def parse_plant(cell: Cell) -> Any:
         ) from None
     _weld_base(plant, cell)
     return plant
+
+
+def _add_models(parser: Any, path: Path) -> None:
+    """Let Drake's parser read the model; packages beside it and in ROS_PACKAGE_PATH are known.
+
+    Model directives may name files relative to themselves, as everything in this project does; Drake wants a URI there.
+    """
+    packages = parser.package_map()
+    packages.PopulateFromRosPackagePath()
+    for folder in path.resolve().parents[:4]:
+        if (folder / "package.xml").is_file():
+            packages.PopulateFromFolder(str(folder))
+            break
+    if path.suffix not in (".yaml", ".yml"):
+        parser.AddModels(str(path))
+        return
+    packages.PopulateFromFolder(str(path.resolve().parent))
+    text = path.read_text(encoding="utf-8")
+    folder = path.resolve().parent
+    relative = r"""(\bfile:\s+)(['"]?)(?![a-z]+://)([^'"\s,}]+)\2"""
+    absolute = re.sub(relative, lambda m: f"{m[1]}{m[2]}file://{(folder / m[3]).resolve()}{m[2]}", text)
+    parser.AddModelsFromString(absolute, "dmd.yaml")
 
 
 def _weld_base(plant: Any, cell: Cell) -> None:
@@ -78,13 +102,15 @@ def _weld_base(plant: Any, cell: Cell) -> None:
 
 
 def _find_frame(plant: Any, cell: Cell) -> Any:
-    from pydrake.multibody.tree import FrameIndex
+    from pydrake.multibody.tree import BodyIndex, FrameIndex
 
     frames = [plant.get_frame(FrameIndex(i)) for i in range(plant.num_frames())]
     name = cell.robot.flange
     found = [frame for frame in frames if frame.name() == name]
     if not found:
-        names = sorted({f.name() for f in frames if f.name() and not f.name().startswith("_")} - {"world"})
+        bodies = {plant.get_body(BodyIndex(i)).name() for i in range(plant.num_bodies())}
+        others = {f.name() for f in frames if not re.search(r"_(parent|child)$|^_|^$", f.name())}
+        names = sorted((bodies | others) - {"world"})
         raise InputError(
             f"{cell.robot_path}: robot.flange names '{name}', but the model has no such link or frame; it has: "
             f"{', '.join(names)}."
@@ -117,7 +143,7 @@ def find_chain(plant: Any, cell: Cell) -> Chain:
     movable = [joint for joint in path if joint.num_velocities() > 0]
     wanted = [joint.name() for joint in movable] if cell.robot.joints is None else list(cell.robot.joints)
     where = cell.robot_path
-    _check_names(wanted, movable, joints, where)
+    check_names(wanted, movable, joints, where)
     chosen = [joint for joint in movable if joint.name() in wanted]
     if not chosen:
         raise InputError(f"{where}: no movable joint lies between the base and the flange '{cell.robot.flange}'.")
@@ -128,34 +154,6 @@ def find_chain(plant: Any, cell: Cell) -> Chain:
                 "prismatic. Fix it in the model, or leave it out of robot.joints (it is then locked)."
             )
     return Chain(tuple(chosen), _lumps(plant, joints, chosen), flange)
-
-
-def _check_names(wanted: list[str], movable: list[Any], joints: list[Any], where: Path) -> None:
-    names = [joint.name() for joint in movable]
-    folded: dict[str, str] = {}
-    for name in names:
-        twin = folded.setdefault(name.casefold(), name)
-        if twin != name:
-            raise InputError(
-                f"{where}: the joints '{twin}' and '{name}' differ only in upper and lower case; columns of measurements "
-                "could not be told apart. Rename one."
-            )
-    for name in wanted:
-        if name in names:
-            continue
-        near = [known for known in names if known.casefold() == name.casefold()]
-        hint = f" Did you mean '{near[0]}'?" if near else ""
-        exists = any(joint.name() == name for joint in joints)
-        what = "is not a movable joint between base and flange" if exists else "does not exist in the model"
-        raise InputError(f"{where}: robot.joints names '{name}', which {what}.{hint} The arm has: {', '.join(names)}.")
-    if len(set(wanted)) != len(wanted):
-        raise InputError(f"{where}: robot.joints names a joint twice: {', '.join(wanted)}.")
-    order = [name for name in names if name in wanted]
-    if order != wanted:
-        raise InputError(
-            f"{where}: robot.joints must be listed from base to flange: expected [{', '.join(order)}], found "
-            f"[{', '.join(wanted)}]."
-        )
 
 
 def _lumps(plant: Any, joints: list[Any], chosen: list[Any]) -> tuple[tuple[Any, ...], ...]:

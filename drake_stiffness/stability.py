@@ -6,7 +6,7 @@ import numpy as np
 
 from drake_stiffness.arm import Arm, forward
 from drake_stiffness.effects.effect import Cases
-from drake_stiffness.errors import UntrustworthyError
+from drake_stiffness.errors import NoEquilibriumError
 from drake_stiffness.rotations import Array
 from drake_stiffness.structure import Structure, at_rest, deflect, stack, unstack
 
@@ -45,16 +45,18 @@ def judge_stability(structure: Structure, case: Cases, number: int, stacked: Arr
     # Both where the arm starts from and where it ends: past buckling there may be another equilibrium, which no arm reaches.
     states = [stack(*at_rest(structure, 1)), *([stacked] if stacked is not None and found else [])]
     top = max(float(np.linalg.eigvals(_iteration_matrix(structure, case, at)).real.max(initial=0.0)) for at in states)
-    what = f"case {number + 1}, posture ({posture}), load (N, N m) {load}"
+    what = f"posture ({posture}), load (N, N m) {load}"
     if top >= 1.0:
-        raise UntrustworthyError(
+        raise NoEquilibriumError(
+            number,
             f"{what}: no stable equilibrium: K - H is not positive definite (largest eigenvalue of k H is {top:.3g}, it must "
-            "stay below 1). The compliances are too large for this load, or load and weight are in wrong units."
+            "stay below 1). The compliances are too large for this load, or load and weight are in wrong units.",
         )
     if failed or not found:
-        raise UntrustworthyError(
+        raise NoEquilibriumError(
+            number,
             f"{what}: the loaded equilibrium does not converge (largest eigenvalue of k H "
-            f"{top:.3g}). Deflections this large are outside what springs in series describe; check compliances and units."
+            f"{top:.3g}). Deflections this large are outside what springs in series describe; check compliances and units.",
         )
 
 

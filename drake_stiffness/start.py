@@ -14,6 +14,9 @@ from drake_stiffness.rotations import Array, logarithm, rotate
 
 log = logging.getLogger("drake_stiffness")
 
+# An arm bends by millimetres; readings farther off than this are in another frame or of another arm.
+_PLAUSIBLE_M = 0.1
+
 
 def starting_model(model: Model, measurements: Measurements) -> Model:
     """The model with its tracker frame, if it has one, placed so that nominal points fall on measured ones.
@@ -45,3 +48,21 @@ def fitted_frame(p_W: Array, p_T: Array) -> Array:
         values, vectors = np.linalg.eigh((R + R.T) / 2)
         r = np.pi * vectors[:, int(values.argmax())]
     return np.concatenate([center_W - R @ center_T, r])
+
+
+def hint_of_frame(model: Model, measurements: Measurements) -> None:
+    """Warn if measured positions lie where no arm in the world frame puts them, and no tracker frame is estimated."""
+    m = measurements
+    if m.relative or m.position is None or any(isinstance(effect, TrackerFrame) for effect in model.effects):
+        return
+    poses = forward(model.arm, m.cases.q)
+    p_W = poses.p_E[:, m.case] + rotate(poses.R_E[:, :, m.case], model.point_positions(m.point))
+    off = float(np.sqrt(((m.position.T - p_W) ** 2).sum(axis=0).mean()))
+    if off < _PLAUSIBLE_M:
+        return
+    turn = float(np.degrees(np.linalg.norm(fitted_frame(p_W, m.position.T)[3:]))) if m.case.size >= 3 else float("nan")
+    log.warning(
+        "%s: the readings lie %.0f mm (rms) from where the undeflected arm puts the points, and are turned by about %.1f deg. Are they "
+        "in the tracker's frame? Then set tracker_frame: unknown. Otherwise check joints, units and reference points.",
+        m.table.path, off * 1e3, turn,
+    )  # fmt: skip

@@ -169,6 +169,10 @@ def read_table(path: Path | str, what: str) -> Table:
     if not rows:
         raise InputError(f"{path}: nothing but separators; expected {what}.")
     header = tuple(cell.strip() for cell in rows[0])
+    if len(header) == 1 and ";" in header[0]:
+        raise InputError(
+            f"{path}, line {lines[0]}: the cells are separated by ';'; expected commas. Save the table as CSV with commas."
+        )
     for name in header:
         if header.count(name) > 1:
             raise InputError(f"{path}, line {lines[0]}: the column '{name}' appears twice; keep one.")

@@ -861,6 +861,9 @@ def test_springs_too_soft_for_the_load(job):
     model = job.model()
     model["effects"][1]["parameters"]["k"]["value"] = 3e-3
     job.write("model.json", json.dumps(model))
+    job.refused("predict", 2, "model.json", "joint_2", "another compliance than effects")  # one of three places changed
+    model["springs"][1]["compliance"], model["parameters"][1]["value"] = [[3e-3]], 3e-3
+    job.write("model.json", json.dumps(model))
     job.refused("predict", 3, "posture", "joint_2 -40.3", "load", "no stable equilibrium")
     job.refused("compensate", 3, "posture", "joint_2", "load", "stable|converge")
 
@@ -871,7 +874,7 @@ def test_the_case_that_has_no_equilibrium_is_the_one_named(job, command):
     for line in (11, 12, 13):
         assert job.text("plan.csv").splitlines()[line - 1].startswith("E01,3")
         job.cell_of("plan.csv", line, "fz_N", "-7.0e9")
-    job.refused(command, 3, "case 4", "-7")
+    job.refused(command, 3, "experiment .E01., step 3", "-7")
 
 
 def test_identification_that_does_not_come_to_rest_or_fit_is_not_written(job):

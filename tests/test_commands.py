@@ -341,6 +341,8 @@ def test_the_stated_sigma_is_what_the_covariance_makes_of_the_prediction(tmp_pat
     for i in range(6):
         changed = json.loads(json.dumps(content))
         changed["effects"][i]["parameters"]["k"]["value"] += 2e-8
+        changed["parameters"][i]["value"] += 2e-8
+        changed["springs"][i]["compliance"][0][0] += 2e-8
         gradient[i] = (predicted_with(changed, *shift) - plain) / 2e-8
     expected = np.sqrt(np.einsum("irc,ij,jrc->rc", gradient, np.array(content["covariance"]["matrix"]), gradient))
     assert expected.min() > 0

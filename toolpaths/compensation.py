@@ -24,6 +24,7 @@ from numpy.typing import NDArray
 from drake_stiffness.arm import Arm, forward, joint_jacobian
 from drake_stiffness.effects.effect import Cases
 from drake_stiffness.equilibrium import Equilibrium, solve_equilibrium
+from drake_stiffness.errors import NoEquilibriumError
 from drake_stiffness.model import Model
 from drake_stiffness.rotations import exponential, logarithm, multiply, rotate
 from drake_stiffness.structure import Structure, build_structure
@@ -156,7 +157,10 @@ def mirror(
     parts = []
     for start in range(0, q0.shape[1], CHUNK):
         chunk = slice(start, start + CHUNK)
-        parts.append(_mirror_chunk(bench, q0[:, chunk], wrench[:, chunk], position_only[chunk], free))
+        try:
+            parts.append(_mirror_chunk(bench, q0[:, chunk], wrench[:, chunk], position_only[chunk], free))
+        except NoEquilibriumError as error:
+            raise NoEquilibriumError(start + error.case, error.what) from None
         progress(min(start + CHUNK, q0.shape[1]))
     joined: dict[str, Any] = {
         name: np.concatenate([getattr(part, name) for part in parts], axis=-1) for name in _ARRAYS

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drake_stiffness.effects.effect import Cases
-from drake_stiffness.errors import InputError, UntrustworthyError
+from drake_stiffness.errors import InputError, NoEquilibriumError, UntrustworthyError
 from drake_stiffness.model import Model
 from drake_stiffness.support import REFUSE_ABOVE, WARN_ABOVE, tool_support
 from toolpaths.compensation import Bench, Corrected, bench_of, deviation, mirror, reach
@@ -79,9 +79,12 @@ def compensate(
     postures = _postures(program, model, bench, rows, R_all[rows], p_all[rows], start, given)
     wrench = wrenches(process, program, rows, p_all, R_all[rows])
     only = _position_only(program)[rows]
-    result = mirror(
-        bench, postures.q, wrench, only, postures.free, lambda done: progress("mirror iteration", done, rows.size)
-    )
+    try:
+        result = mirror(
+            bench, postures.q, wrench, only, postures.free, lambda done: progress("mirror iteration", done, rows.size)
+        )
+    except NoEquilibriumError as error:
+        raise UntrustworthyError(f"{program.path}, line {program.line[rows[error.case]]}: {error.what}") from None
     _check_result(program, model, rows, result)
     written = _write(program, process, rows, result, allow_insert)
     _refuse(program, written.refusals, keep_refused)

@@ -108,7 +108,7 @@ def heavier(cell: Cell, x) -> Cell:
     mass = cell.tool.mass_kg + x[0]
     centre = tuple((mass * np.array(cell.tool.center_of_mass_m) + x[1:]) / mass)
     other = cell.model_copy(update={"tool": cell.tool.model_copy(update={"mass_kg": mass, "center_of_mass_m": centre})})
-    other._folder = cell._folder
+    other._path = cell._path
     return other
 
 

@@ -11,7 +11,7 @@ from drake_stiffness.springs import parameter_counts
 
 def cell_with(cell, **springs):
     other = cell.model_copy(update={"springs": Springs(**springs)})
-    other._folder = cell._folder
+    other._path = cell._path
     return other
 
 

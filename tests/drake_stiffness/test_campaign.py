@@ -7,14 +7,9 @@ import pytest
 from synthetic import VERTICAL, plan, table, table_text
 from three_arms import KR270
 
-from drake_stiffness.campaign import (
-    HoldOut,
-    held_out_experiments,
-    posture_groups,
-    read_campaign_file,
-    read_measurements,
-)
+from drake_stiffness.campaign import HoldOut, read_campaign_file, read_measurements
 from drake_stiffness.errors import InputError
+from drake_stiffness.hold_out import held_out_experiments, posture_groups
 
 HEAD = (
     "experiment,step,point,joint_1_deg,joint_2_deg,joint_3_deg,joint_4_deg,joint_5_deg,joint_6_deg,fz_kN,x_mm,y_mm,z_mm"

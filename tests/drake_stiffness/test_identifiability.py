@@ -21,7 +21,7 @@ K6 = np.array([0.33e-6, 0.30e-6, 0.42e-6, 2.8e-6, 2.9e-6, 3.4e-6])
 
 def with_springs(cell, **springs):
     other = cell.model_copy(update={"springs": Springs(**springs)})
-    other._folder = cell._folder
+    other._path = cell._path
     return other
 
 

@@ -90,7 +90,7 @@ def test_without_weight_and_with_tiny_loads_all_identifiable_combinations_come_b
     from drake_judge import Judge
 
     weightless = cells["kr270"].model_copy(update={"gravity_m_per_s2": (0.0, 0.0, 0.0)})
-    weightless._folder = cells["kr270"]._folder
+    weightless._path = cells["kr270"]._path
     arm, judge = replace(arms["kr270"], gravity=np.zeros(3)), Judge(weightless)
     rng = np.random.default_rng(2)
     springs, k_link = beam_links(arm, rng)

@@ -191,3 +191,13 @@ def test_a_robot_description_that_is_not_there_or_empty_is_refused(tmp_path, con
         (tmp_path / "track.urdf").write_bytes(content)
     with pytest.raises(InputError, match=r"track\.urdf: (no such file|the file is empty)"):
         build_arm(read_cell(tmp_path / "track.yaml"))
+
+
+@pytest.mark.parametrize("file", ["pkg/track.urdf", "package://arm_description/track.urdf"])
+def test_directives_may_name_a_relative_file_or_a_package_beside_them(tmp_path, file):
+    (tmp_path / "pkg").mkdir()
+    (tmp_path / "pkg" / "track.urdf").write_text(TRACK_URDF)
+    (tmp_path / "pkg" / "package.xml").write_text("<package format='2'><name>arm_description</name></package>")
+    robot = f"directives:\n- add_model: {{name: x, file: {file}}}\n"
+    arm = arm_of(tmp_path, cell=TRACK_CELL.replace("track.urdf", "m.dmd.yaml"), robot=robot, file="m.dmd.yaml")
+    assert arm.joint_names == TRACK_JOINTS

@@ -34,7 +34,7 @@ BAD = {
     "empty cell": ("a,b\n1,2\n,2\n", ["line 3", "column 'a'", "empty cell"]),
     "nan": ("a\nNaN\n", ["line 2", "column 'a'", "'NaN'", "finite"]),
     "inf": ("a\n-inf\n", ["line 2", "'-inf'", "finite"]),
-    "comma for point": ("a;b\n1,5;2\n", ["line 2", "cells"]),
+    "comma for point": ("a;b\n1,5;2\n", ["line 1", "';'", "commas"]),
     "ragged": ("a,b\n1,2\n1\n", ["line 3", "1 cells", "2 columns"]),
     "header only": ("a,b\n", ["no rows"]),
     "commas only": (",,\n,,\n", ["t.csv"]),

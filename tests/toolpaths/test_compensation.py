@@ -454,7 +454,8 @@ def test_the_joints_that_a_correction_may_move(track_model, tools, monkeypatch, 
         return result
 
     monkeypatch.setattr(job, "mirror", watched)
-    program = tools.program("LIN {X 0.000,Y 200.000,Z 0.000,A 0.000,B 0.000,C 180.000,E1 1.0}")
+    word = ",E1 1.0" if axes else ""  # a word that drives nothing we know would be refused
+    program = tools.program(f"LIN {{X 0.000,Y 200.000,Z 0.000,A 0.000,B 0.000,C 180.000{word}}}")
     process = tools.process(workpiece={"position_m": [1.75, 0.0, 1.05]}, posture_deg=posture, external_axes=axes)
     result = run(program, track_model, process)
     assert moved == [(expected, expected)]

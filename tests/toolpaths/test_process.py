@@ -315,3 +315,10 @@ def test_limits_on_the_way_are_named_by_line_and_joint(pocket, model, tools):
 def test_a_load_that_the_arm_cannot_bear(pocket, model, tools):
     with pytest.raises(UntrustworthyError, match=r"posture .*load .*(stable|converge)"):
         job.compensate(pocket, model, tools.process(force=tools.constant("world", fz_N=-9e7)))
+
+
+def test_an_external_word_that_nothing_maps_is_refused_where_the_arm_has_joints_to_spare(track_model, tools):
+    program = tools.program("LIN {X 0.000,Y 200.000,Z 0.000,A 0.000,B 0.000,C 180.000,E1 400.0}")
+    process = tools.process(workpiece={"position_m": [1.75, 0.0, 1.05]}, posture_deg=[200, 0, -70, 120, 0, -50, 0])
+    with pytest.raises(InputError, match="E1 is driven"):
+        job.compensate(program, track_model, process)
