@@ -615,7 +615,7 @@ def segmented():
         from plants.segmented_arm import SegmentedArm
     finally:
         sys.path.remove(str(EXAMPLES))
-    arm = SegmentedArm.from_files(KR270 / "kr270.urdf", KR270 / "truth.yaml")
+    arm = SegmentedArm.from_files(KR270 / "kr270.urdf", KR270 / "true_arm.yaml")
     return arm.with_values(link_factors=RIGID * arm.link_factors)
 
 

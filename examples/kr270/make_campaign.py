@@ -1,4 +1,4 @@
-"""Writes measurements.csv: a simulated campaign of 30 postures on the arm of truth.yaml. Same seed, same bytes.
+"""Writes measurements.csv: a simulated campaign of 30 postures on the arm of true_arm.yaml. Same seed, same bytes.
 
 Run: python examples/kr270/make_campaign.py
 """
@@ -80,7 +80,7 @@ def make_table(arm: SegmentedArm, tools: Instruments, seed: int = SEED) -> str:
 
 def main() -> None:
     """Write measurements.csv beside this file."""
-    arm = SegmentedArm.from_files(HERE / "kr270.urdf", HERE / "truth.yaml")
+    arm = SegmentedArm.from_files(HERE / "kr270.urdf", HERE / "true_arm.yaml")
     table = make_table(arm, instruments())
     (HERE / "measurements.csv").write_text(table, encoding="utf-8", newline="")
     print(f"measurements.csv: {len(table.splitlines()) - 1} readings (simulated)")

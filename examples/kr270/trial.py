@@ -32,7 +32,7 @@ from toolpaths.result import Compensation  # noqa: E402
 
 PROGRAM = "pocket.src"
 FILES = ("kr270.urdf", "cell.yaml", "cell_joints_only.yaml", "campaign.yaml", "campaign_joints_only.yaml",
-         "process.yaml", "process_joints_only.yaml", "truth.yaml", PROGRAM)  # fmt: skip
+         "process.yaml", "process_joints_only.yaml", "true_arm.yaml", PROGRAM)  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -78,9 +78,9 @@ class Trial:
 
 
 def true_arm(scenario: Scenario) -> SegmentedArm:
-    """The plant of truth.yaml as the scenario has it."""
+    """The plant of true_arm.yaml as the scenario has it."""
     return SegmentedArm.from_files(
-        HERE / "kr270.urdf", HERE / "truth.yaml", link_stiffness_factor=scenario.link_stiffness
+        HERE / "kr270.urdf", HERE / "true_arm.yaml", link_stiffness_factor=scenario.link_stiffness
     )
 
 

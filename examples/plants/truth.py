@@ -59,7 +59,7 @@ class Truth:
 
 
 def load_truth(path: str | Path) -> Truth:
-    """Read a truth file (see `examples/kr270/truth.yaml` for its keys).
+    """Read a truth file (see `examples/kr270/true_arm.yaml` for its keys).
 
     Raises
     ------

@@ -28,7 +28,7 @@ KR270 = EXAMPLES / "kr270"
 
 @pytest.fixture(scope="module")
 def arm() -> SegmentedArm:
-    return SegmentedArm.from_files(KR270 / "kr270.urdf", KR270 / "truth.yaml")
+    return SegmentedArm.from_files(KR270 / "kr270.urdf", KR270 / "true_arm.yaml")
 
 
 @pytest.mark.parametrize("path", sorted((EXAMPLES / "plants").glob("*.py")), ids=lambda path: path.name)
@@ -71,7 +71,7 @@ def test_cells_differ_in_links_alone() -> None:
     assert joints["springs"].pop("links") == "none"
     assert full["springs"].pop("links") == "all"
     assert full == joints
-    truth = yaml.safe_load((KR270 / "truth.yaml").read_text(encoding="utf-8"))
+    truth = yaml.safe_load((KR270 / "true_arm.yaml").read_text(encoding="utf-8"))
     assert {name: full["tool"][name] for name in truth["tool"]} == truth["tool"]
     points = np.array(list(full["reference_points_m"].values()))
     assert np.linalg.matrix_rank(points[1:] - points[0], tol=0.05) == 2

@@ -39,7 +39,7 @@ SLIDER = """<robot name="slider">
 
 @pytest.fixture(scope="module")
 def arm() -> SegmentedArm:
-    return SegmentedArm.from_files(KR270 / "kr270.urdf", KR270 / "truth.yaml")
+    return SegmentedArm.from_files(KR270 / "kr270.urdf", KR270 / "true_arm.yaml")
 
 
 @pytest.fixture(scope="module")
@@ -240,7 +240,7 @@ def test_stiff_links_leave_the_rigid_arm_with_joint_springs(arm: SegmentedArm) -
     stiff = arm.with_link_stiffness(1e12).with_values(joint_compliance=np.zeros(6))
     for mine, rigid in zip(stiff.poses(q), arm.chain.flange(q), strict=True):
         np.testing.assert_allclose(mine, rigid, atol=1e-12)
-    soft = SegmentedArm.from_files(KR270 / "kr270.urdf", KR270 / "truth.yaml", link_stiffness_factor=0.5)
+    soft = SegmentedArm.from_files(KR270 / "kr270.urdf", KR270 / "true_arm.yaml", link_stiffness_factor=0.5)
     np.testing.assert_allclose(soft.element_compliance(), 2.0 * arm.element_compliance())
 
 
@@ -296,7 +296,7 @@ def test_inverse_kinematics_and_its_refusal(arm: SegmentedArm) -> None:
 
 
 def test_truth_that_lacks_a_joint_or_is_impossible_is_refused(arm: SegmentedArm) -> None:
-    truth = load_truth(KR270 / "truth.yaml")
+    truth = load_truth(KR270 / "true_arm.yaml")
     lacking = replace(truth, joint_compliance={"joint_1": 1e-6})
     with pytest.raises(KeyError, match="joint_2"):
         SegmentedArm.from_truth(arm.chain, lacking)

@@ -469,7 +469,7 @@ def test_the_joints_that_a_correction_may_move(track_model, tools, monkeypatch, 
 def truth():
     from plants.segmented_arm import SegmentedArm
 
-    return SegmentedArm.from_files(KR270 / "kr270.urdf", KR270 / "truth.yaml")
+    return SegmentedArm.from_files(KR270 / "kr270.urdf", KR270 / "true_arm.yaml")
 
 
 @pytest.fixture(scope="module")
