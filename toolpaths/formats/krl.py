@@ -79,6 +79,7 @@ class Krl:
             frames=tuple(reader.frames),
             refusals=tuple(reader.refusals),
             notes=tuple(reader.notes),
+            warnings=tuple(reader.warnings),
         )
 
 
@@ -91,6 +92,7 @@ class _Reader:
         self.frames: list[FrameSetting] = []
         self.refusals: list[Refusal] = []
         self.notes: list[Refusal] = []
+        self.warnings: list[str] = []
         self.has_motion = False
         self.line = 0
         self.line_start = 0
@@ -227,6 +229,9 @@ class _Reader:
         rows.update(end.tokens)
         self.add(kind, "end", end, True, refused=reason is not None)
         if angle is not None:
+            self.warnings.append(
+                f"line {self.line}: with CA the arc ends elsewhere than printed; its two printed points are corrected"
+            )
             self.forget(f"the arc to an angle (CA) in line {self.line}")
 
     def kept_at_end(
