@@ -6,7 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -17,6 +17,9 @@ from drake_stiffness.errors import InputError
 from drake_stiffness.files import sha256
 from drake_stiffness.hold_out import held_out_experiments
 from drake_stiffness.model import Model
+
+if TYPE_CHECKING:
+    from drake_stiffness.inspection import Inspection
 
 Progress = Callable[[str], None]
 
@@ -128,7 +131,7 @@ def identify_campaign(path: Path | str, method: str = "sdp", progress: Progress 
     return Identified(final, lines, campaign, m, held, residual_mm)
 
 
-def inspect(path: Path | str, identifiability: bool = False) -> Any:
+def inspect(path: Path | str, identifiability: bool = False) -> Inspection:
     """Describe a cell (command `inspect`)."""
     from drake_stiffness.inspection import inspect_cell
     from drake_stiffness.plant import build_arm
@@ -212,7 +215,6 @@ def predict(model: Model, path: Path | str) -> Predicted:
     from drake_stiffness.simulation import simulate_displacement
     from drake_stiffness.statistics import held_out_errors, rms_mm
     from drake_stiffness.support import displacement_support, position_support
-    from drake_stiffness.tables import read_table
     from drake_stiffness.virtual import with_columns
 
     points = tuple(model.points)
@@ -227,10 +229,9 @@ def predict(model: Model, path: Path | str) -> Predicted:
         added[f"predicted_{axis}_mm"] = change.loaded.p[c] * 1e3
         added[f"predicted_sigma_{axis}_mm"] = support.sigma[:, c] * 1e3
     added["predicted_unsupported_share"] = support.unsupported
-    header = read_table(path, "a table").header
     error = float("nan")
-    if any(name.removeprefix("d").rsplit("_", 1)[0] in ("x", "y", "z") for name in header):
+    if any(name.removeprefix("d").rsplit("_", 1)[0] in ("x", "y", "z") for name in m.table.header):
         read = read_measurements(path, model.arm, points, model.load_point, readings=True)
-        if absolute == (not read.relative) or not absolute:
+        if not (absolute and read.relative):  # displacements say nothing of positions
             error = rms_mm(held_out_errors(model, read, not absolute))
     return Predicted(with_columns(m, added), m.case.size, support.unsupported, rms_mm(change.dp), error)

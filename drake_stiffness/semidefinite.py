@@ -35,8 +35,6 @@ _TOLERANCES = (1e-10, 1e-9, 1e-8, 1e-7)
 _FLAT = 1e-6
 # A departure from least squares (in sigma of all readings together) that the price of unseen directions alone explains.
 _NEGLIGIBLE = 1e-2
-# Directions along which the noise allows more than this many typical compliances are left at minimum norm.
-_HIDDEN = 100.0
 
 
 def spring_parameters(model: Model) -> NDArray[np.bool_]:
@@ -62,9 +60,8 @@ class Linearised:
         self._completion: Any = None
 
     def least_squares(self, z: Array) -> Array:
-        """Minimum-norm least squares (seed eq. 12); directions hidden by the noise stay at minimum norm as well."""
-        kept = self.view.weight > 1.0 / _HIDDEN
-        return self.anchor + self.view.seen @ np.where(kept, z - self.view.seen.T @ self.anchor, 0.0)
+        """Least squares (seed eq. 12) on what is fitted, with the least departure from the anchor on the rest."""
+        return self.anchor + self.view.seen @ (z - self.view.seen.T @ self.anchor)
 
     def regularised(self, z: Array) -> Array:
         """A point to linearise at that weak directions cannot carry away.
@@ -83,7 +80,7 @@ class Linearised:
 
     def semidefinite(self, z: Array) -> Array:
         """The semidefinite program, then the least-norm completion."""
-        x = self.anchor + self.view.seen @ (z - self.view.seen.T @ self.anchor)
+        x = self.least_squares(z)
         self.departure = 0.0
         if not self._constrained() or not self.view.fitted or self._violation(x) <= 0.0:
             return x

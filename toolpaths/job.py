@@ -92,7 +92,7 @@ def compensate(
     after, correction = _read_back(
         program, process, bench, rows, written, result, wrench, R_all[rows], p_all[rows], only, postures.free
     )
-    some, sigma, unsupported = _support(program, model, rows, postures.q, wrench)
+    sigma, unsupported = _support(program, model, rows, postures.q, wrench)
     return Compensation(
         program=program,
         raw=written.raw,
@@ -105,7 +105,6 @@ def compensate(
         one_shot_mm=result.one_shot * 1e3,
         after_mm=after * 1e3,
         process=process,
-        support_rows=some,
         sigma_mm=sigma * 1e3,
         unsupported=unsupported,
         contraction=float(result.contraction.max(initial=0.0)),
@@ -247,20 +246,21 @@ def _parse_again(program: Program, raw: bytes) -> Program:
 
 def _support(
     program: Program, model: Model, rows: NDArray[np.int_], q: Floats, wrench: Floats
-) -> tuple[NDArray[np.int_], Floats, Floats]:
-    """Points along the path, their sigma (m) and unsupported share; refuse what the campaign does not support."""
-    # Every point: one motion that the campaign does not support is one too many.
-    some = np.arange(rows.size)
-    support = tool_support(model, Cases(q[:, some], wrench[:, some], model.tcp[1]))
+) -> tuple[Floats, Floats]:
+    """Sigma (m) and unsupported share of every point; refuse what the campaign does not support.
+
+    Every point, because one motion that rests on nothing is one too many.
+    """
+    support = tool_support(model, Cases(q, wrench, model.tcp[1]))
     share = support.unsupported
     if (share > REFUSE_ABOVE).any():
         _fail(
             program,
-            rows[some[share > REFUSE_ABOVE]],
+            rows[share > REFUSE_ABOVE],
             f"where the model's campaign does not support the prediction (up to {100 * share.max():.0f} % of it rests on "
             "compliances that its loads and postures never showed)",
         )
-    return some, np.sqrt((support.sigma**2).sum(axis=1)), share
+    return np.sqrt((support.sigma**2).sum(axis=1)), share
 
 
 def _notes(

@@ -38,12 +38,10 @@ class Compensation:
         Predicted distance of the tool from where it is wanted: uncorrected, one step of the iteration, and as printed.
     process : Process
         What it was corrected for.
-    support_rows : (K,)
-        Which of the N points the next two speak of.
-    sigma_mm : (K,)
-        Standard deviation of the predicted deflection from the parameters' covariance at some points; NaN where unknown.
-    unsupported : (K,)
-        Share of the prediction that the campaign does not support, at the same points.
+    sigma_mm : (N,)
+        Standard deviation of the predicted deflection from the parameters' covariance; NaN where unknown.
+    unsupported : (N,)
+        Share of the prediction that the campaign does not support.
     contraction : float
         Largest ratio of successive steps.
     steps : int
@@ -69,7 +67,6 @@ class Compensation:
     one_shot_mm: Floats
     after_mm: Floats
     process: Process
-    support_rows: NDArray[np.int_]
     sigma_mm: Floats
     unsupported: Floats
     contraction: float

@@ -134,10 +134,7 @@ def _tiles(result: Compensation) -> h.Markup:
 def _deviation(result: Compensation) -> list[h.Markup]:
     d = result.to_dict()
     s = plots.path_mm(result.target_mm)
-    sigma_at = s[result.support_rows]
-    picture = plots.deviation_figure(
-        s, result.before_mm, result.one_shot_mm, result.after_mm, sigma_at, result.sigma_mm
-    )
+    picture = plots.deviation_figure(s, result.before_mm, result.one_shot_mm, result.after_mm, result.sigma_mm)
     caption = (
         "Distance of the tool centre point from where the program wants it, as the model predicts it, along the corrected points (mind "
         "the logarithmic axis). Amber: the deviation subtracted once. Blue: the mirror iteration run to its end, with the numbers as they "

@@ -27,9 +27,7 @@ def _along(ax: f.Axes) -> None:
         ax.xaxis.set_major_formatter(FuncFormatter(lambda value, place: f"{value / 1000:g}"))
 
 
-def deviation_figure(
-    s_mm: Floats, before: Floats, one_shot: Floats, after: Floats, sigma_at: Floats, sigma: Floats
-) -> str:
+def deviation_figure(s_mm: Floats, before: Floats, one_shot: Floats, after: Floats, sigma: Floats) -> str:
     """Predicted distance of the tool from where it is wanted, logarithmic; the model's sigma as dashes."""
     made, ax = f.new(4.2)
     f.line(ax, s_mm, f.log_mm(before), f.SERIES[1], "uncompensated")
@@ -38,7 +36,7 @@ def deviation_figure(
     known = np.isfinite(sigma)
     if known.any():
         ax.plot(
-            sigma_at[known],
+            s_mm[known],
             f.log_mm(sigma[known]),
             color=f.INK,
             linestyle=(0, (4, 2)),

@@ -248,7 +248,7 @@ def test_short_programs_without_force_or_statistics(compensated, identified):
     points = 1
     own = ("rows", "line", "target_mm", "correction_mm", "force_N", "before_mm", "one_shot_mm", "after_mm")
     cut = {name: 0 * getattr(compensated, name)[:points] for name in own}
-    nowhere = {"sigma_mm": np.full(points, np.nan), "unsupported": np.zeros(points), "support_rows": np.arange(points)}
+    nowhere = {"sigma_mm": np.full(points, np.nan), "unsupported": np.zeros(points)}
     short = replace(compensated, **cut, **nowhere)
     bare = replace(identified.model, statistics=None, fit={}, provenance={})
     text = text_of(compensation_report(short, bare))
