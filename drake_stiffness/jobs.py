@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
@@ -15,17 +14,11 @@ from drake_stiffness.campaign import CampaignFile, Measurements, naming_the_step
 from drake_stiffness.cell import read_cell
 from drake_stiffness.errors import InputError
 from drake_stiffness.files import sha256
-from drake_stiffness.hold_out import held_out_experiments
 from drake_stiffness.model import Model
+from drake_stiffness.task import Progress, Task, quiet, read_task
 
 if TYPE_CHECKING:
     from drake_stiffness.inspection import Inspection
-
-Progress = Callable[[str], None]
-
-
-def quiet(text: str) -> None:
-    """Progress that nobody watches."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,54 +74,35 @@ def identify_campaign(path: Path | str, method: str = "sdp", progress: Progress 
     InputError, UntrustworthyError
         See `drake_stiffness.errors`.
     """
+    return identify_task(read_task(path, progress), method, progress)
+
+
+def identify_task(task: Task, method: str = "sdp", progress: Progress = quiet) -> Identified:
+    """The same for a campaign that was read already."""
     from drake_stiffness import statistics as st
-    from drake_stiffness.assembly import campaign_effects, make_model, spring_effects
     from drake_stiffness.identification import identify
-    from drake_stiffness.observation import observe, restrict
-    from drake_stiffness.plant import build_arm
     from drake_stiffness.semidefinite import smallest_eigenvalue
     from drake_stiffness.start import hint_of_frame, starting_model
 
-    path = Path(path)
-    campaign = read_campaign_file(path)
-    cell_path, table_path = path.parent / campaign.cell, path.parent / campaign.measurements
-    cell = read_cell(cell_path)
-    progress("reading the robot")
-    arm = build_arm(cell)
-    points = tuple(cell.reference_points_m)
-    progress("reading the measurements")
-    m = read_measurements(table_path, arm, points, np.array(cell.load_point_m), readings=True)
-    held = held_out_experiments(m, campaign.hold_out, str(path))
-    displacement = campaign.quantity == "displacement"
-    observe(m, displacement, campaign.noise)  # what is wrong with held-out experiments is said now, not after the fit
-    effects = spring_effects(cell, arm) + campaign_effects(campaign, cell, arm)
-    if not effects:
-        raise InputError(
-            f"{path}: nothing to identify: the cell has no springs and the campaign estimates nothing. Set springs in "
-            f"{cell_path}, or tracker_frame, reference_points or estimate."
-        )
-    fitted = restrict(m, ~held)
-    o = observe(fitted, displacement, campaign.noise)
-    model = starting_model(make_model(cell, arm, effects), fitted)
+    fitted, held, campaign = task.taking_part(), task.held, task.campaign
+    o = task.observations()
+    model = starting_model(task.model, fitted)
     hint_of_frame(model, fitted)
     with naming_the_step(fitted):
         solution = identify(model, o, method, progress)  # type: ignore[arg-type]
     fit = st.goodness(solution, o)
     numbers, how = st.statistics(solution, o, fit)
-    score = (
-        st.rms_mm(st.held_out_errors(solution.model, restrict(m, held), displacement)) if held.any() else float("nan")
-    )
-    entry = st.fit_entry(solution, fit, score, method, smallest_eigenvalue(solution.model), how)
+    errors = st.held_out_errors(solution.model, task.held_out(), task.displacement) if held.any() else np.zeros((3, 0))
+    entry = st.fit_entry(solution, fit, st.rms_mm(errors), method, smallest_eigenvalue(solution.model), how)
     entry["experiments"] = {"fitted": int((~held).sum()), "held_out": int(held.sum())}
     entry["quantity"] = campaign.quantity
     lines = st.warnings_of(solution, numbers, fit, o, how)
     entry["warnings"] = lines
-    files = {"campaign": path, "cell": cell_path, "robot": cell.robot_path, "measurements": table_path}
     seed = campaign.hold_out.seed if campaign.hold_out is not None else None
-    final = st.attach(solution, numbers, entry, provenance(files, seed))
+    final = st.attach(solution, numbers, entry, provenance(task.files, seed))
     readings = fitted.case.size
     residual_mm = solution.residual[: 3 * readings].reshape(readings, 3).T * o.sigma_p * 1e3
-    return Identified(final, lines, campaign, m, held, residual_mm)
+    return Identified(final, lines, campaign, task.measurements, held, residual_mm)
 
 
 def inspect(path: Path | str, identifiability: bool = False) -> Inspection:

@@ -1,0 +1,68 @@
+"""What all commands share: options, progress, messages, outputs that are written whole or not at all."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from drake_stiffness.errors import InputError
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+JsonOption = Annotated[Path | None, typer.Option("--json", help="Write the result for programs.")]
+ReportOption = Annotated[Path | None, typer.Option("--report", help="Write a self-contained HTML report.")]
+
+
+def console() -> Console:
+    """The terminal that results go to."""
+    from rich.console import Console
+
+    return Console(highlight=False)
+
+
+@contextmanager
+def working() -> Iterator[Any]:
+    """A line on stderr that says what is being done; a plain no-op where stderr is no terminal."""
+    from rich.console import Console
+    from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
+
+    console = Console(stderr=True)
+    columns = (SpinnerColumn(), TextColumn("{task.description}"), TimeElapsedColumn())
+    with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as bar:
+        task = bar.add_task("starting", total=None)
+        yield lambda text: bar.update(task, description=text)
+
+
+def say(message: str) -> None:
+    """A message to the user, on stderr."""
+    typer.echo(message, err=True)
+
+
+def write(*outputs: tuple[Path | None, bytes | str | None]) -> None:
+    """Write all outputs that were asked for, or none."""
+    from drake_stiffness.files import write_together
+
+    write_together([(path, content) for path, content in outputs if path is not None and content is not None])
+
+
+def json_of(content: object) -> str:
+    """JSON without NaN."""
+    from drake_stiffness.files import json_text
+
+    return json_text(content)
+
+
+def check_outputs(*paths: Path | None, inputs: tuple[Path, ...] = ()) -> None:
+    """Say what is wrong with outputs before the work, not after it."""
+    for path in paths:
+        if path is not None and any(path.resolve() == other.resolve() for other in inputs):
+            raise InputError(f"{path}: this is an input; give the result another name, the original is needed again.")
+        if path is not None and not path.absolute().parent.is_dir():
+            raise InputError(f"{path}: the folder {path.absolute().parent} does not exist; make it first.")
+        if path is not None and path.is_dir():
+            raise InputError(f"{path}: this is a folder; expected the name of a file to write.")
