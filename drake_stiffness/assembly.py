@@ -11,19 +11,36 @@ from drake_stiffness.arm import Arm
 from drake_stiffness.campaign import CampaignFile
 from drake_stiffness.cell import Cell
 from drake_stiffness.effects import Effect
-from drake_stiffness.effects.compliance import ROTATION_SCALE, BaseCompliance, JointCompliance, LinkCompliance
+from drake_stiffness.effects.compliance import (
+    ROTATION_SCALE,
+    BaseCompliance,
+    JointCompliance,
+    LinkCompliance,
+    default_beam_axis,
+)
 from drake_stiffness.effects.geometry import JointZeroOffset, LinkGeometry, geometry_components
 from drake_stiffness.effects.instruments import ReflectorOffset, TrackerFrame
 from drake_stiffness.errors import InputError
+from drake_stiffness.hardware import cell_effects
 from drake_stiffness.model import Model
 from drake_stiffness.rotations import Array
 
+# Hardware on a joint acts on the joint's own spring, which may merge with the springs of the links beside it: that joint then
+# takes nearly all of the sum, where least norm alone would leave it half or nothing, and hardware would have nothing to act on.
+PREFERRED = 4.0
 
-def joint_spring(arm: Arm, joint: str) -> JointCompliance:
-    """The spring of a joint: rad/(N m) about a revolute, m/N along a prismatic axis."""
+
+def joint_spring(arm: Arm, joint: str, softer: float = 1.0) -> JointCompliance:
+    """The spring of a joint: rad/(N m) about a revolute, m/N along a prismatic axis.
+
+    Parameters
+    ----------
+    softer : float
+        Factor on its typical size, and so on its share wherever the data leave open which of several springs gives way.
+    """
     if arm.prismatic[arm.joint_names.index(joint)]:
-        return JointCompliance(joint, unit="m/N", scale=ROTATION_SCALE * arm.length_m**2)
-    return JointCompliance(joint)
+        return JointCompliance(joint, unit="m/N", scale=softer * ROTATION_SCALE * arm.length_m**2)
+    return JointCompliance(joint, scale=softer * ROTATION_SCALE)
 
 
 def link_spring(arm: Arm, link: str, template: Any, beam_axis: str) -> LinkCompliance:
@@ -31,13 +48,6 @@ def link_spring(arm: Arm, link: str, template: Any, beam_axis: str) -> LinkCompl
     if link == arm.link_names[0]:
         return BaseCompliance("base", template, beam_axis, arm.length_m, link)
     return LinkCompliance(link, template, beam_axis, arm.length_m)
-
-
-def default_beam_axis(arm: Arm, link: str) -> str | None:
-    """The spring-frame axis nearest to the vector from the link's own joint to its spring; None for zero length."""
-    k = arm.link_names.index(link)
-    along = np.abs(arm.R_PF[k].T @ arm.p_PF[k])
-    return "xyz"[int(along.argmax())] if along.max() > 1e-9 else None
 
 
 def spring_effects(cell: Cell, arm: Arm) -> list[Effect]:
@@ -50,13 +60,24 @@ def spring_effects(cell: Cell, arm: Arm) -> list[Effect]:
     """
     where = f"{cell.path}: springs"
     joints = _select(cell.springs.joints, arm.joint_names, f"{where}.joints")
-    links = _select(cell.springs.links, arm.link_names, f"{where}.links")
+    links = tuple(_select(cell.springs.links, arm.link_names, f"{where}.links"))
     axes = dict(cell.springs.beam_axes)
     for link in axes:
         if link not in arm.link_names:
             raise InputError(f"{where}.beam_axes: no link '{link}'; the arm has {', '.join(arm.link_names)}.")
-    effects: list[Effect] = [joint_spring(arm, joint) for joint in joints]
+    masks = cell.springs.masks
+    for link in masks:
+        if link not in links:
+            kept = ", ".join(links) or "no link"
+            raise InputError(
+                f"{where}.masks: found '{link}'; springs.links has {kept}. Name a link that has a spring, or add it there."
+            )
+    hardware = {entry.where for entry in cell.effects}
+    effects: list[Effect] = [joint_spring(arm, joint, PREFERRED if joint in hardware else 1.0) for joint in joints]
     for link in links:
+        if link in masks:
+            effects.append(link_spring(arm, link, "symmetric", "x").masked(masks[link]))
+            continue
         axis = axes.get(link) or default_beam_axis(arm, link)
         if axis is None and cell.springs.template == "beam":
             raise InputError(
@@ -81,8 +102,8 @@ def _select(selection: Any, known: tuple[str, ...], where: str) -> Iterable[str]
 
 
 def campaign_effects(campaign: CampaignFile, cell: Cell, arm: Arm) -> list[Effect]:
-    """The unknowns that the campaign adds: tracker frame, reflectors, geometric errors."""
-    effects: list[Effect] = []
+    """All unknowns beside springs: the cell's hardware, then what the campaign adds (tracker, reflectors, geometry)."""
+    effects: list[Effect] = cell_effects(cell, arm)
     if "joint_zero_offsets" in campaign.estimate:
         effects += [JointZeroOffset(n, p) for n, p in zip(arm.joint_names, arm.prismatic, strict=True)]
     if "link_geometry" in campaign.estimate:
@@ -91,6 +112,11 @@ def campaign_effects(campaign: CampaignFile, cell: Cell, arm: Arm) -> list[Effec
         effects.append(TrackerFrame())
     if campaign.reference_points == "unknown":
         effects += [ReflectorOffset(point) for point in cell.reference_points_m]
+    places = [(e.kind, e.where) for e in effects]
+    for twice in (place for i, place in enumerate(places) if place in places[:i]):
+        raise InputError(
+            f"{cell.path}: effects: {twice[0]} at '{twice[1]}' stands twice (or the campaign estimates it too); leave one out."
+        )
     return effects
 
 

@@ -27,10 +27,16 @@ _OPTIONAL = ("time_s", "repeat", "temperature_degC", "weight", "note")
 
 
 class Noise(Document):
-    """One standard deviation of one coordinate of one reading."""
+    """One standard deviation of one coordinate of one reading; and how exactly the arm comes back to a posture.
+
+    `posture_sigma_mm` is one standard deviation of a coordinate of the motion that all points share because the arm does not
+    come back exactly, drawn anew `per_experiment` (the arm stands still between load steps) or `per_step`.
+    """
 
     position_sigma_mm: float = Field(gt=0.0)
     orientation_sigma_mrad: float | None = Field(default=None, gt=0.0)
+    posture_sigma_mm: float | None = Field(default=None, gt=0.0)
+    posture_noise: Literal["per_experiment", "per_step"] = "per_experiment"
 
 
 class HoldOut(Document):

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 from pydantic import Field, PrivateAttr, field_validator, model_validator
 
 from drake_stiffness.files import Document, read_yaml
-from drake_stiffness.springs import Template
+from drake_stiffness.springs import Template, mask_entries, masked_template
 
 Vector3 = Annotated[tuple[float, float, float], Field(description="three numbers")]
 Selection = Literal["all", "none"] | tuple[str, ...]
@@ -44,6 +44,33 @@ class Springs(Document):
     links: Selection = "none"
     template: Template = "beam"
     beam_axes: dict[str, Literal["x", "y", "z"]] = Field(default_factory=dict)
+    masks: dict[str, tuple[str, ...]] = Field(default_factory=dict)
+
+    @field_validator("masks")
+    @classmethod
+    def _masks_are_of_springs(cls, masks: dict[str, tuple[str, ...]]) -> dict[str, tuple[str, ...]]:
+        """Entries exist, and a positive-semidefinite matrix can hold them."""
+        sorted_masks = {}
+        for link, names in masks.items():
+            try:
+                sorted_masks[link] = mask_entries(names)
+            except ValueError as error:
+                raise ValueError(f"{link}: {error}") from None
+            lacking = masked_template(sorted_masks[link]).unsupported
+            if lacking:
+                raise ValueError(
+                    f"{link}: found {', '.join(sorted_masks[link])} without {', '.join(lacking)}; a spring that has an entry off "
+                    f"the diagonal has both its diagonal entries too. Add {', '.join(lacking)}"
+                )
+        return sorted_masks
+
+
+class Hardware(Document):
+    """A further effect that the arm has, a gravity compensator for one; its unknowns are identified along."""
+
+    kind: str
+    where: str
+    settings: dict[str, Any] = Field(default_factory=dict)
 
 
 class Cell(Document):
@@ -55,6 +82,7 @@ class Cell(Document):
     load_point_m: Vector3 = (0.0, 0.0, 0.0)
     reference_points_m: dict[str, Vector3] = Field(min_length=1)
     springs: Springs = Springs()
+    effects: tuple[Hardware, ...] = ()
 
     _path: Path = PrivateAttr(default=Path("cell.yaml"))
 

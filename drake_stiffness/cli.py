@@ -10,10 +10,19 @@ import typer
 
 from drake_stiffness.commands.compensate import compensate
 from drake_stiffness.commands.console import say
+from drake_stiffness.commands.design import design
+from drake_stiffness.commands.diagnose import diagnose
+from drake_stiffness.commands.groups import groups
 from drake_stiffness.commands.identify import identify
+from drake_stiffness.commands.import_readings import import_
 from drake_stiffness.commands.inspect import inspect
+from drake_stiffness.commands.intervals import intervals
 from drake_stiffness.commands.predict import predict
+from drake_stiffness.commands.reduce import reduce
+from drake_stiffness.commands.restore import restore
+from drake_stiffness.commands.shop import shop
 from drake_stiffness.commands.simulate import simulate
+from drake_stiffness.commands.single_link import single_link
 from drake_stiffness.errors import InputError, UntrustworthyError
 
 # The matrices here are small: a second BLAS thread costs more than it brings, several times more on a busy machine.
@@ -29,9 +38,18 @@ app = typer.Typer(
 
 app.command("inspect")(inspect)
 app.command("simulate")(simulate)
+app.command("design")(design)
 app.command("identify")(identify)
+app.command("groups")(groups)
+app.command("reduce")(reduce)
+app.command("restore")(restore)
+app.command("diagnose")(diagnose)
 app.command("predict")(predict)
+app.command("intervals")(intervals)
 app.command("compensate")(compensate)
+app.command("single-link")(single_link)
+app.command("shop")(shop)
+app.command("import")(import_)
 
 
 def main() -> None:

@@ -107,7 +107,7 @@ def _solve_chunk(structure: Structure, cases: Cases, first: int, start: Equilibr
     iteration = 0
     while iteration < _MAX_ITERATIONS:
         iteration += 1
-        new_joint, new_link = deflect(structure, cases, poses, theta_link, weight)
+        new_joint, new_link = deflect(structure, cases, poses, theta_joint, theta_link, weight)
         change = np.abs(new_joint - theta_joint).max(axis=0, initial=0.0)
         for new, old in zip(new_link, theta_link, strict=True):
             if new is not None and old is not None:

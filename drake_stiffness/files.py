@@ -161,6 +161,8 @@ def _known_keys(document: type[Document], location: tuple[int | str, ...]) -> li
     """The keys a document knows at a place, for the hint of an error."""
     here: Any = document
     for part in location:
+        if isinstance(part, int):  # a place in a list of documents
+            continue
         field = getattr(here, "model_fields", {}).get(part)
         if field is None:
             return []

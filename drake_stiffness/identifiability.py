@@ -5,6 +5,8 @@ Ranks are decided by a singular-value gap on columns of unit length; the groups 
 - G2: a column of zeros, the parameter has no influence on any reading;
 - G3: the parameter takes part in an unseen direction, so only its combination with others is determined;
 - G1: determined by itself, and then G1+, G1~ or G1- by the ratio of value to standard deviation (seed eq. 20).
+
+Who merges with whom, and how, is in `base_parameters`.
 """
 
 from __future__ import annotations
@@ -15,8 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drake_stiffness.rotations import Array
-
-UPPER_RATIO, LOWER_RATIO = 5.0, 2.0
+from drake_stiffness.thresholds import LOWER_RATIO, UPPER_RATIO
 
 # A direction is hidden when one unit of scale (a typical compliance, a millimetre, a milliradian) moves all readings together
 # by less than this many standard deviations: twenty units would still be hidden in the noise. A fit that follows such a
@@ -38,24 +39,46 @@ class Identifiability:
         Their singular values: by how many standard deviations all readings together move per unit along a direction.
     hidden, hidden_weight : (n, h), (h,)
         Directions with an influence that the noise hides; they are not fitted, but they have a standard deviation.
-    blind : (n, n - r - h)
-        Directions without influence.
+    null : (n, n - r)
+        Directions without influence behind the singular-value gap, columns of zeros included; r is the algebraic rank.
+    faint : (n, f)
+        Directions before the gap whose influence is below `ZERO_BELOW`: neither fitted nor given a standard deviation.
+    singular : (live columns,)
+        Singular values of the columns of unit length, largest first.
     gap : float
-        Smallest seen over largest unseen singular value of the unit-length columns.
+        Smallest seen over largest unseen of them.
+    tolerance : float
+        Half way (geometrically) down that gap: what is smaller counts as zero among unit columns.
+    length : (n,)
+        Lengths of the columns, per unit of scale.
+    unit : (at most n, n)
+        The compressed columns brought to unit length; zero columns stay zero.
     zero : (n,) bool
         Columns of zeros (G2).
-    merged : tuple of n tuples of int
-        For every parameter the others it cannot be told from.
     """
 
     seen: Array
     weight: Array
     hidden: Array
     hidden_weight: Array
-    blind: Array
+    null: Array
+    faint: Array
+    singular: Array
     gap: float
+    tolerance: float
+    length: Array
+    unit: Array
     zero: NDArray[np.bool_]
-    merged: tuple[tuple[int, ...], ...]
+
+    @property
+    def blind(self) -> Array:
+        """Directions with no influence that counts, (n, n - rank), orthonormal."""
+        return np.hstack([self.null, self.faint])
+
+    @property
+    def algebraic_rank(self) -> int:
+        """Rank by the singular-value gap alone: the number of base parameters."""
+        return self.length.size - self.null.shape[1]
 
     @property
     def unseen(self) -> Array:
@@ -140,11 +163,24 @@ def analyse(A: Array, *, coarse: bool) -> Identifiability:
         weight=weight[fitted],
         hidden=seen[:, hidden],
         hidden_weight=weight[hidden],
-        blind=np.hstack([unseen, seen[:, nothing]]),
+        null=unseen,
+        faint=seen[:, nothing],
+        singular=full[:live],
         gap=gap,
+        tolerance=_half_way(full[:live], rank),
+        length=length,
+        unit=unit,
         zero=zero,
-        merged=_merged(unit, zero, rank),
     )
+
+
+def _half_way(singular: Array, rank: int) -> float:
+    """Geometric middle between the last singular value before the cut and the first behind it (or rounding)."""
+    if not rank:
+        return 1.0
+    floor = np.finfo(float).eps * singular.size * singular[0]
+    behind = float(singular[rank]) if rank < singular.size else 0.0
+    return float(np.sqrt(singular[rank - 1] * max(behind, floor)))
 
 
 def _principal(R: Array, basis: Array) -> tuple[Array, Array]:
@@ -164,51 +200,41 @@ def relinearised(view: Identifiability, A: Array) -> Identifiability:
     return replace(view, seen=seen, weight=weight)
 
 
-def _merged(unit: Array, zero: NDArray[np.bool_], rank: int) -> tuple[tuple[int, ...], ...]:
-    """Who merges with whom: dependent columns as sparse combinations of a base chosen joints first."""
-    n = unit.shape[1]
-    if rank == n - int(zero.sum()):
-        return ((),) * n
-    base: list[int] = []
-    partners: list[set[int]] = [set() for _ in range(n)]
-    Q = np.zeros((unit.shape[0], 0))
-    dependent = []
-    for i in np.flatnonzero(~zero).tolist():
-        rest = unit[:, i] - Q @ (Q.T @ unit[:, i])
-        rest -= Q @ (Q.T @ rest)
-        size = float(np.linalg.norm(rest))
-        if size > 1e-7 and len(base) < rank:
-            Q = np.column_stack([Q, rest / size])
-            base.append(i)
-        else:
-            dependent.append(i)
-    for i in dependent:
-        share, *_ = np.linalg.lstsq(unit[:, base], unit[:, i], rcond=None)
-        for member in (base[b] for b in np.flatnonzero(np.abs(share) > 1e-6)):
-            partners[i].add(member)
-            partners[member].add(i)
-    return tuple(tuple(sorted(p)) for p in partners)
+def classify(
+    view: Identifiability, value: Array, sigma: Array, *, upper: float = UPPER_RATIO, lower: float = LOWER_RATIO
+) -> tuple[str, ...]:
+    """Groups G1+, G1~, G1-, G2, G3 of all parameters (seed 4.1).
 
-
-def classify(view: Identifiability, value: Array, sigma: Array) -> tuple[str, ...]:
-    """Groups G1+, G1~, G1-, G2, G3 of all parameters (seed 4.1, thresholds 5 and 2).
+    What the noise hides is not fitted, so its value is no estimate, whatever it is: G1-.
 
     Parameters
     ----------
     value, sigma : (n,)
         In any common unit; sigma of an undetermined parameter is not looked at.
+    upper, lower : float
+        Thresholds of the ratio (20).
     """
-    groups = []
-    known = determined(view)
-    for i in range(value.size):
-        if view.zero[i]:
-            groups.append("G2")
-        elif not known[i]:
-            groups.append("G3")
-        else:
-            ratio = abs(value[i]) / sigma[i] if sigma[i] > 0 else np.inf
-            groups.append("G1+" if ratio > UPPER_RATIO else "G1-" if ratio < LOWER_RATIO else "G1~")
-    return tuple(groups)
+    known, hidden = determined(view), hidden_by_noise(view)
+    one = np.where(hidden, "G1-", by_ratio(value, sigma, upper=upper, lower=lower))
+    return tuple(str(g) for g in np.where(view.zero, "G2", np.where(known, one, "G3")))
+
+
+def by_ratio(value: Array, sigma: Array, *, upper: float = UPPER_RATIO, lower: float = LOWER_RATIO) -> NDArray[np.str_]:
+    """G1+ above the upper threshold of |value| / sigma (seed eq. 20), G1- below the lower, G1~ between."""
+    ratio = ratios(value, sigma)
+    return np.where(ratio > upper, "G1+", np.where(ratio < lower, "G1-", "G1~"))
+
+
+def ratios(value: Array, sigma: Array) -> Array:
+    """|value| / sigma (seed eq. 20); infinite where sigma is zero, zero where it is infinite."""
+    return np.abs(value) / np.where(sigma > 0, sigma, 1e-300)
+
+
+def hidden_by_noise(view: Identifiability) -> NDArray[np.bool_]:
+    """(n,) whether most of a parameter's variance comes from directions that the noise hides."""
+    if not view.hidden_weight.size:
+        return np.zeros(view.length.size, dtype=bool)
+    return np.asarray(np.diag(view.hidden_covariance()) > np.diag(view.covariance()))
 
 
 def determined(view: Identifiability) -> NDArray[np.bool_]:

@@ -10,12 +10,12 @@ The solvers themselves are in `semidefinite`.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
 
-from drake_stiffness.effects.compliance import Spring
+from drake_stiffness.effects.compliance import LinkCompliance, Spring
 from drake_stiffness.errors import InputError, UntrustworthyError
 from drake_stiffness.identifiability import Identifiability, analyse, relinearised
 from drake_stiffness.model import Model
@@ -23,6 +23,8 @@ from drake_stiffness.observation import Observations, columns, measured, predict
 from drake_stiffness.rotations import Array
 from drake_stiffness.semidefinite import Linearised, spring_parameters
 from drake_stiffness.sensitivity import has_finite_differences
+from drake_stiffness.start import with_joints_held, with_something_to_turn
+from drake_stiffness.structure import acts_on_joints
 
 Method = Literal["sdp", "least-squares"]
 
@@ -83,18 +85,26 @@ def identify(
     Raises
     ------
     InputError
-        If `sdp` is asked of a `full` template, which has no cone.
+        If `sdp` is asked of a `full` template, which has no cone, or of a mask that no positive-semidefinite matrix has.
     UntrustworthyError
         If the outer iteration does not come to rest.
     """
     if method == "sdp":
-        _refuse_full(model)
-    springs = spring_parameters(model)
-    if o.displacement and springs.any() and not springs.all():
+        _refuse_without_cone(model)
+    springs, effects = spring_parameters(model), model.effects
+    bends = [isinstance(effect, Spring) or acts_on_joints(effect) for effect in model.effects]
+    if any(map(acts_on_joints, effects)):
+        # Springs alone, and no positions: hardware then only varies what a joint's spring seems to be.
+        only = model.subset([isinstance(effect, Spring) for effect in effects])
+        bent = _iterate(only, replace(o, displacement=True), "least-squares", progress).model
+        model = with_something_to_turn(model, bent)
+        if method == "sdp":
+            bent = _iterate(model.subset(bends) if o.displacement else model, o, "least-squares", progress).model
+            model = with_joints_held(model, bent)
+    if o.displacement and any(bends) and not all(bends):
         # What a tracker's tilt or a zero offset does to displacements shows only on an arm that bends: springs first.
-        alone = model.subset([isinstance(effect, Spring) for effect in model.effects])
-        x = model.x.copy()
-        x[springs] = identify(alone, o, method, progress).model.x
+        x, own = model.x.copy(), np.repeat(bends, [len(effect.parameters) for effect in model.effects])
+        x[springs] = _iterate(model.subset(bends), o, method, progress).model.x[springs[own]]
         model = model.with_x(x)
     solution = _iterate(model, o, method, progress)
     if not springs.all():
@@ -102,12 +112,14 @@ def identify(
         length = np.linalg.norm(columns(o, solution.model), axis=0)
         if (solution.identifiability.zero & (length > _NEWLY_SEEN)).any():
             solution = _iterate(solution.model, o, method, progress)
-    return solution
+    return replace(solution, model=replace(solution.model, effects=effects))
 
 
 def _iterate(model: Model, o: Observations, method: Method, progress: Callable[[str], None]) -> Solution:
     """The outer iteration; what is seen is decided at the model it starts from."""
-    springs = spring_parameters(model)
+    natural = np.repeat(
+        [isinstance(e, Spring) or acts_on_joints(e) for e in model.effects], [len(e.parameters) for e in model.effects]
+    )
     y = measured(o)
     constant = not has_finite_differences(model)
     A, view, program = np.empty((0, 0)), None, None
@@ -120,9 +132,9 @@ def _iterate(model: Model, o: Observations, method: Method, progress: Callable[[
             program = Linearised(model, view)
         residual = y - predicted(o, model)
         x = model.x / model.scales
-        # Where the data leave something open: springs of least norm, and for frames and geometry the least step (their zero
+        # Where the data leave something open: springs and hardware of least norm, and for frames and geometry the least step (their zero
         # has no meaning, and jumping along what the data do not see would undo the linearisation).
-        program.anchor = np.where(springs, 0.0, x)
+        program.anchor = np.where(natural, 0.0, x)
         z = view.seen.T @ x + view.pseudo_inverse_seen(A, residual)
         new = program.semidefinite(z) if method == "sdp" else program.regularised(z)
         before, size = size, float(np.linalg.norm(view.weight * (view.seen.T @ (new - x))))
@@ -151,10 +163,16 @@ def _iterate(model: Model, o: Observations, method: Method, progress: Callable[[
     return Solution(model, view, A, residual, iteration, solver, active, program.departure)
 
 
-def _refuse_full(model: Model) -> None:
+def _refuse_without_cone(model: Model) -> None:
     for effect in model.effects:
         if getattr(effect, "template_name", None) == "full":
             raise InputError(
                 f"link '{effect.where}' has the template 'full' (36 independent entries): a matrix that need not be symmetric has no "
                 "positive-semidefinite cone, so method sdp cannot be used. Take template: symmetric, or --method least-squares."
+            )
+        lacking = effect.template.unsupported if isinstance(effect, LinkCompliance) else ()
+        if lacking:
+            raise InputError(
+                f"link '{effect.where}' has entries off the diagonal without {', '.join(lacking)}: no positive-semidefinite matrix has "
+                "this pattern. Add the diagonal entries, or take method least-squares."
             )

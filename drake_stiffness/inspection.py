@@ -2,19 +2,22 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 
 from drake_stiffness.arm import Arm
-from drake_stiffness.assembly import default_beam_axis, joint_spring, link_spring, make_model, spring_effects
+from drake_stiffness.assembly import joint_spring, link_spring, make_model, spring_effects
 from drake_stiffness.cell import Cell
 from drake_stiffness.effects import Cases, Effect
-from drake_stiffness.effects.compliance import LinkCompliance, Spring
+from drake_stiffness.effects.compliance import LinkCompliance, Spring, default_beam_axis
+from drake_stiffness.hardware import hardware_entries
 from drake_stiffness.identifiability import numerical_rank
+from drake_stiffness.invariants import algebraic_rank, blind_to_forces
 from drake_stiffness.rotations import Array
 from drake_stiffness.sensitivity import sensitivity
+from drake_stiffness.special_points import why_lower
 from drake_stiffness.springs import TEMPLATES, Template, parameter_counts
 
 CONVENTIONS = (
@@ -42,7 +45,10 @@ class Inspection:
     counts : dict
         complete, symmetric, beam: for all links and joints, whatever the cell keeps.
     identifiable : list of dict
-        Ranks by template and load; empty unless asked for.
+        Ranks by template and load, beside the rank that algebra gives for full wrenches (`invariants`) and a sentence where the
+        cell's points show less than others would; empty unless asked for.
+    effects : list of dict
+        Hardware besides springs: kind, where, settings, unknowns.
     """
 
     arm: Arm
@@ -50,6 +56,12 @@ class Inspection:
     springs: list[dict[str, Any]]
     counts: dict[str, int]
     identifiable: list[dict[str, Any]]
+    effects: list[dict[str, Any]] = field(default_factory=list)
+
+    @property
+    def parameters_total(self) -> int:
+        """Unknowns of the complete model of joints and links, and of the hardware."""
+        return int(self.counts["complete"] + sum(e["unknowns"] for e in self.effects))
 
     def to_dict(self) -> dict[str, Any]:
         """For `--json`."""
@@ -58,6 +70,8 @@ class Inspection:
             "joints": self.joints,
             "links": list(self.arm.link_names),
             "springs": self.springs,
+            "effects": self.effects,
+            "parameters_total": self.parameters_total,
             "conventions": list(CONVENTIONS),
         }
         if self.identifiable:
@@ -92,7 +106,7 @@ def inspect_cell(cell: Cell, arm: Arm, *, identifiability: bool = False, seed: i
         )
     springs = [_spring_entry(e, arm) for e in spring_effects(cell, arm) if isinstance(e, Spring)]
     ranks = _ranks(cell, arm, seed) if identifiability else []
-    return Inspection(arm, joints, springs, parameter_counts(arm.num_joints), ranks)
+    return Inspection(arm, joints, springs, parameter_counts(arm.num_joints), ranks, hardware_entries(cell, arm))
 
 
 def _spring_entry(effect: Spring, arm: Arm) -> dict[str, Any]:
@@ -133,6 +147,34 @@ def random_postures(arm: Arm, number: int, rng: np.random.Generator) -> Array:
 
 def _ranks(cell: Cell, arm: Arm, seed: int) -> list[dict[str, Any]]:
     """Rank of the observation matrix for every template under full wrenches and under pure forces."""
+    entries = []
+    for template in TEMPLATES:
+        parameters = parameter_counts(arm.num_joints)[{"full": "complete"}.get(template, template)]
+        for load in ("wrench", "force"):
+            rank, gap = numerical_rank(singular_values(cell, arm, template, load, seed), coarse=False)
+            entries.append(
+                {
+                    "template": template,
+                    "load": load,
+                    "parameters": parameters,
+                    "rank": rank,
+                    "singular_gap": gap if np.isfinite(gap) else None,
+                    "algebraic_rank": algebraic_rank(arm.prismatic, template) if load == "wrench" else None,
+                    "special_points": _special(cell, arm, template, load, rank),
+                }
+            )
+    return entries
+
+
+def singular_values(cell: Cell, arm: Arm, template: Template, load: str, seed: int = 0) -> Array:
+    """Singular values of the complete model's observation matrix, columns of unit length, largest first.
+
+    Over random postures inside the limits and random loads at the cell's load point, read at the cell's reference points.
+
+    Parameters
+    ----------
+    load : 'wrench' or 'force'
+    """
     rng = np.random.default_rng(seed)
     N = RANDOM_POSTURES
     q = random_postures(arm, N, rng)
@@ -140,24 +182,21 @@ def _ranks(cell: Cell, arm: Arm, seed: int) -> list[dict[str, Any]]:
     weightless = replace(arm, gravity=np.zeros(3))
     names = np.array(list(cell.reference_points_m))
     point, case = np.tile(names, N), np.repeat(np.arange(N), names.size)
-    entries = []
-    for template in TEMPLATES:
-        model = make_model(cell, weightless, complete_effects(cell, arm, template))
-        for load in ("wrench", "force"):
-            wrench = np.concatenate([force, moment if load == "wrench" else 0 * moment])
-            cases = Cases(q, wrench, model.load_point)
-            A = sensitivity(model, cases, case, point)[:, :3].reshape(-1, model.x.size)
-            length = np.linalg.norm(A, axis=0)
-            live = length > 1e-12 * length.max()
-            singular = np.linalg.svd(A[:, live] / length[live], compute_uv=False)
-            rank, gap = numerical_rank(singular, coarse=False)
-            entries.append(
-                {
-                    "template": template,
-                    "load": load,
-                    "parameters": int(model.x.size),
-                    "rank": rank,
-                    "singular_gap": gap if np.isfinite(gap) else None,
-                }
-            )
-    return entries
+    model = make_model(cell, weightless, complete_effects(cell, arm, template))
+    cases = Cases(q, np.concatenate([force, moment if load == "wrench" else 0 * moment]), model.load_point)
+    A = sensitivity(model, cases, case, point)[:, :3].reshape(-1, model.x.size)
+    length = np.linalg.norm(A, axis=0)
+    live = length > 1e-12 * length.max()
+    return np.linalg.svd(np.linalg.qr(A[:, live] / length[live], mode="r"), compute_uv=False)
+
+
+def _special(cell: Cell, arm: Arm, template: Template, load: str, rank: int) -> str | None:
+    """Why the rank is below that of points in general position; None where it is not, or where algebra has no number."""
+    generic = algebraic_rank(arm.prismatic, template)
+    if generic is None:
+        return None
+    moments = load == "wrench"
+    if rank >= generic - (0 if moments else blind_to_forces(template)):
+        return None
+    points = np.array(list(cell.reference_points_m.values()))
+    return why_lower(arm, np.array(cell.load_point_m), points, moments=moments)

@@ -16,8 +16,10 @@ from drake_stiffness.errors import InputError
 from drake_stiffness.files import sha256
 from drake_stiffness.model import Model
 from drake_stiffness.task import Progress, Task, quiet, read_task
+from drake_stiffness.thresholds import LOWER_RATIO, UPPER_RATIO
 
 if TYPE_CHECKING:
+    from drake_stiffness.groups import Groups
     from drake_stiffness.inspection import Inspection
 
 
@@ -36,6 +38,8 @@ class Identified:
     held : (experiments,) bool
         Which took no part.
     residual_mm : (3, M) residuals of the fitted readings, mm (references taken off)
+    groups : Groups
+        Base parameters, relations, eigen-directions.
     """
 
     model: Model
@@ -44,6 +48,7 @@ class Identified:
     measurements: Measurements
     held: np.ndarray
     residual_mm: np.ndarray
+    groups: Groups
 
 
 def provenance(files: dict[str, Path], seed: int | None) -> dict[str, Any]:
@@ -66,21 +71,45 @@ def files_of_campaign(path: Path) -> tuple[Path, ...]:
         return (path,)  # what is wrong with it is said when it is used
 
 
-def identify_campaign(path: Path | str, method: str = "sdp", progress: Progress = quiet) -> Identified:
+def identify_campaign(
+    path: Path | str,
+    method: str = "sdp",
+    progress: Progress = quiet,
+    *,
+    upper: float = UPPER_RATIO,
+    lower: float = LOWER_RATIO,
+) -> Identified:
     """Identify the model of a campaign (command `identify`).
+
+    Parameters
+    ----------
+    upper, lower : float
+        Thresholds of the ratio (20) between the groups G1+, G1~ and G1-.
 
     Raises
     ------
     InputError, UntrustworthyError
         See `drake_stiffness.errors`.
     """
-    return identify_task(read_task(path, progress), method, progress)
+    return identify_task(read_task(path, progress), method, progress, upper=upper, lower=lower)
 
 
-def identify_task(task: Task, method: str = "sdp", progress: Progress = quiet) -> Identified:
+def identify_task(
+    task: Task,
+    method: str = "sdp",
+    progress: Progress = quiet,
+    *,
+    upper: float = UPPER_RATIO,
+    lower: float = LOWER_RATIO,
+) -> Identified:
     """The same for a campaign that was read already."""
     from drake_stiffness import statistics as st
+    from drake_stiffness import trust
+    from drake_stiffness.campaign_limits import limits_of
+    from drake_stiffness.groups import find_groups
     from drake_stiffness.identification import identify
+    from drake_stiffness.noise_components import seen_noise
+    from drake_stiffness.observation import residual_m
     from drake_stiffness.semidefinite import smallest_eigenvalue
     from drake_stiffness.start import hint_of_frame, starting_model
 
@@ -91,18 +120,31 @@ def identify_task(task: Task, method: str = "sdp", progress: Progress = quiet) -
     with naming_the_step(fitted):
         solution = identify(model, o, method, progress)  # type: ignore[arg-type]
     fit = st.goodness(solution, o)
-    numbers, how = st.statistics(solution, o, fit)
+    numbers, how = st.statistics(solution, o, fit, upper=upper, lower=lower)
+    groups = find_groups(solution, numbers, upper=upper, lower=lower)
     errors = st.held_out_errors(solution.model, task.held_out(), task.displacement) if held.any() else np.zeros((3, 0))
     entry = st.fit_entry(solution, fit, st.rms_mm(errors), method, smallest_eigenvalue(solution.model), how)
     entry["experiments"] = {"fitted": int((~held).sum()), "held_out": int(held.sum())}
     entry["quantity"] = campaign.quantity
-    lines = st.warnings_of(solution, numbers, fit, o, how)
+    entry["noise_components"] = seen_noise(task.measurements, task.arm, task.cell.reference_points_m, campaign.noise)
+    if o.whitening is not None:  # whitened rows mix the readings of a step
+        entry["residual_rms_mm"] = st.rms_mm(residual_m(o, solution.model))
+    beside = trust.held_out(solution, task.observations(held)) if held.any() else None
+    doubts = [verdict.line() for verdict in trust.verdicts(solution, groups, fit, beside)]
+    lines = [
+        *doubts,
+        *st.warnings_of(solution, numbers, fit, o, how),
+        *groups.warnings(),
+        *limits_of(o, solution.model),
+    ]
     entry["warnings"] = lines
     seed = campaign.hold_out.seed if campaign.hold_out is not None else None
     final = st.attach(solution, numbers, entry, provenance(task.files, seed))
     readings = fitted.case.size
     residual_mm = solution.residual[: 3 * readings].reshape(readings, 3).T * o.sigma_p * 1e3
-    return Identified(final, lines, campaign, task.measurements, held, residual_mm)
+    if o.whitening is not None:
+        residual_mm = residual_m(o, solution.model) * 1e3
+    return Identified(final, lines, campaign, task.measurements, held, residual_mm, groups)
 
 
 def inspect(path: Path | str, identifiability: bool = False) -> Inspection:
@@ -202,6 +244,9 @@ def predict(model: Model, path: Path | str) -> Predicted:
         added[f"predicted_d{axis}_mm"] = change.dp[c] * 1e3
         added[f"predicted_{axis}_mm"] = change.loaded.p[c] * 1e3
         added[f"predicted_sigma_{axis}_mm"] = support.sigma[:, c] * 1e3
+        known = change.loaded.p[c] if absolute else change.dp[c]
+        added[f"predicted_low_{axis}_mm"] = (known + support.low[:, c]) * 1e3
+        added[f"predicted_high_{axis}_mm"] = (known + support.high[:, c]) * 1e3
     added["predicted_unsupported_share"] = support.unsupported
     error = float("nan")
     if any(name.removeprefix("d").rsplit("_", 1)[0] in ("x", "y", "z") for name in m.table.header):

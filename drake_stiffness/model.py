@@ -44,6 +44,9 @@ class Statistics:
         Of the identifiable combinations (pseudo-inverse of the information), SI.
     null_space : (n, n - rank)
         Directions the data do not see, orthonormal in units of the parameters' scales.
+    shift : (n,) or None
+        Least squares without constraints minus the model, along what is fitted, SI; zero where no constraint is active. None in
+        models of versions that did not store it.
     """
 
     sigma: Array
@@ -51,6 +54,7 @@ class Statistics:
     merged_with: tuple[tuple[str, ...], ...]
     covariance: Array
     null_space: Array
+    shift: Array | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,6 +76,8 @@ class Model:
     statistics : Statistics or None
     fit, provenance : dict
         As they stand in `model.json`.
+    restored : tuple of dict
+        What `restoration` filled in, as it stands in `model.json`; never evidence.
     """
 
     cell: dict[str, Any]
@@ -83,6 +89,7 @@ class Model:
     statistics: Statistics | None = None
     fit: dict[str, Any] = field(default_factory=dict)
     provenance: dict[str, Any] = field(default_factory=dict)
+    restored: tuple[dict[str, Any], ...] = ()
 
     @cached_property
     def slices(self) -> tuple[slice, ...]:
@@ -127,7 +134,7 @@ class Model:
 
     def with_x(self, x: Array) -> Model:
         """The same model with other values (statistics do not carry over)."""
-        return replace(self, x=np.asarray(x, dtype=float), statistics=None)
+        return replace(self, x=np.asarray(x, dtype=float), statistics=None, restored=())
 
     @property
     def without_links(self) -> Model:
@@ -139,7 +146,8 @@ class Model:
         """The model with some of its effects only."""
         effects = tuple(effect for effect, k in zip(self.effects, keep, strict=True) if k)
         values = [x for x, k in zip(self.values, keep, strict=True) if k]
-        return replace(self, effects=effects, x=np.concatenate([np.zeros(0), *values]), statistics=None)
+        x = np.concatenate([np.zeros(0), *values])
+        return replace(self, effects=effects, x=x, statistics=None, restored=())
 
     # -- model.json ---------------------------------------------------------------------------------------------------
 
@@ -163,6 +171,10 @@ class Model:
                 "scales": self.scales,
                 "directions": self.statistics.null_space.T,
             }
+            if self.statistics.shift is not None:
+                content["least_squares_shift"] = self.statistics.shift
+        if self.restored:
+            content["restored"] = list(self.restored)
         content["fit"] = self.fit
         content["provenance"] = self.provenance
         return content
@@ -208,7 +220,7 @@ class Model:
 
     def doubts(self) -> list[str]:
         """What identification already said against this model: a prediction repeats it."""
-        grave = ("NOT PHYSICAL", "NOISE REJECTED", "NOTHING SEEN")
+        grave = ("NOT TRUSTWORTHY", "NOT PHYSICAL", "NOISE REJECTED", "NOTHING SEEN")
         return [line for line in self.fit.get("warnings", []) if line.startswith(grave)]
 
     def impossible(self) -> str | None:
@@ -275,6 +287,7 @@ def _from_dict(content: dict[str, Any]) -> Model:
         x=np.concatenate([np.zeros(0), *values]),
         fit=content["fit"],
         provenance=content["provenance"],
+        restored=tuple(dict(entry) for entry in content.get("restored", [])),
     )
     if not np.isfinite(model.x).all():
         raise ValueError("effects: a parameter has no value")
@@ -301,8 +314,17 @@ def _from_dict(content: dict[str, Any]) -> Model:
         merged_with=tuple(tuple(e["merged_with"]) for e in entries),
         covariance=covariance,
         null_space=np.array(content["not_identified"]["directions"], dtype=float).reshape(-1, n).T,
+        shift=_shift(content, n),
     )
     return replace(model, statistics=statistics)
+
+
+def _shift(content: dict[str, Any], n: int) -> Array | None:
+    """Least squares minus model; absent in files of earlier versions."""
+    shift = np.array(content.get("least_squares_shift", []), dtype=float)
+    if shift.shape not in ((0,), (n,)) or not np.isfinite(shift).all():
+        raise ValueError("least_squares_shift must hold a number for every parameter")
+    return shift if shift.size else None
 
 
 def _check_blocks(content: dict[str, Any], model: Model) -> None:

@@ -6,6 +6,9 @@ every experiment is an unknown of its own; it is eliminated by taking the mean o
 displacement columns the reference reading appears as the row of zeros it is, so the same elimination gives the covariance
 that differences imply.
 
+Where the campaign states that the arm does not come back exactly (`posture_noise`), rows of one approach share a common
+motion: they are whitened by blocks first, and references are eliminated after that, by projection.
+
 A is that of the linear theory for springs (see `sensitivity`), while r comes from the loaded equilibrium: columns only
 steer, residuals decide, and an outer iteration removes the difference.
 """
@@ -22,6 +25,7 @@ from drake_stiffness.campaign import Measurements, Noise
 from drake_stiffness.effects.effect import Reading
 from drake_stiffness.errors import InputError
 from drake_stiffness.model import Model
+from drake_stiffness.posture_noise import PostureNoise, Whitening, make_whitening
 from drake_stiffness.rotations import Array, logarithm, multiply
 from drake_stiffness.sensitivity import sensitivity
 from drake_stiffness.simulation import simulate_readings
@@ -47,6 +51,8 @@ class Observations:
         Rows of one group share a free reference (point and experiment; experiment for orientations).
     first_unloaded : (experiments,)
         Case that orientations refer to.
+    whitening : Whitening or None
+        For readings that share the motion of an arm that does not come back exactly.
     """
 
     measurements: Measurements
@@ -57,6 +63,7 @@ class Observations:
     group: NDArray[np.int_]
     group_r: NDArray[np.int_]
     first_unloaded: NDArray[np.int_]
+    whitening: Whitening | None = None
 
     @property
     def rows(self) -> int:
@@ -75,8 +82,15 @@ class Observations:
         return np.concatenate([np.repeat(e, 3), np.repeat(e[self.turned], 3)])
 
 
-def observe(measurements: Measurements, displacement: bool, noise: Noise) -> Observations:
+def observe(
+    measurements: Measurements, displacement: bool, noise: Noise, motion: PostureNoise | None = None
+) -> Observations:
     """Arrange readings for a fit.
+
+    Parameters
+    ----------
+    motion : PostureNoise, optional
+        How the arm comes back to a posture; without it readings are independent.
 
     Raises
     ------
@@ -110,7 +124,7 @@ def observe(measurements: Measurements, displacement: bool, noise: Noise) -> Obs
     _, point = np.unique(m.point, return_inverse=True)
     _, group = np.unique(e * (int(point.max()) + 1) + point.reshape(-1), return_inverse=True)
     _, group_r = np.unique(e[turned], return_inverse=True)
-    return Observations(
+    o = Observations(
         measurements=m,
         displacement=displacement,
         sigma_p=noise.position_sigma_mm * 1e-3,
@@ -119,6 +133,25 @@ def observe(measurements: Measurements, displacement: bool, noise: Noise) -> Obs
         group=group.reshape(-1),
         group_r=group_r.reshape(-1),
         first_unloaded=first,
+    )
+    return o if motion is None else replace(o, whitening=_whitening(o, motion))
+
+
+def _whitening(o: Observations, motion: PostureNoise) -> Whitening:
+    """Blocks and references of the scalar rows: positions first, then orientations, as everywhere here."""
+    m = o.measurements
+    spread, block = motion.spread(m), motion.blocks(m)
+    n = spread.shape[2]
+    positions = (spread[:, :3] / o.sigma_p).reshape(-1, n)
+    turns = (spread[o.turned, 3:] / o.sigma_r).reshape(-1, n)
+    axis = np.arange(3)
+    free = (3 * o.group[:, None] + axis).ravel() if o.displacement else np.full(3 * m.case.size, -1)
+    free_r = (3 * o.group_r[:, None] + axis).ravel() + int(free.max()) + 1
+    return make_whitening(
+        np.concatenate([positions, turns]),
+        np.concatenate([np.repeat(block, 3), np.repeat(block[o.turned], 3)]),
+        o.cluster,
+        np.concatenate([free, free_r]),
     )
 
 
@@ -185,9 +218,21 @@ def _stack(o: Observations, reading: Reading) -> Array:
     return np.concatenate([(reading.p / o.sigma_p).T.ravel(), (phi / o.sigma_r).T.ravel()])
 
 
+def residual_m(o: Observations, model: Model) -> Array:
+    """(3, M) measured minus predicted in metres, the free references taken off: what the residuals are of the readings
+    themselves, where whitening would mix the points of a step."""
+    assert o.measurements.position is not None
+    plain = replace(o, whitening=None)
+    r = measured(plain) - predicted(plain, model)
+    return r[: 3 * o.measurements.case.size].reshape(-1, 3).T * o.sigma_p
+
+
 def _center(o: Observations, v: Array) -> Array:
-    """Take the group means off a vector or off every column of a matrix: eliminates the free references."""
+    """Eliminate the free references from a vector or from every column of a matrix, by taking the group means off; where
+    readings share a motion they are whitened first, and references are projected out."""
     columns = v.reshape(v.shape[0], -1)
+    if o.whitening is not None:
+        return o.whitening.apply(columns).reshape(v.shape)
     split = 3 * o.measurements.case.size
     parts = [columns[:split], columns[split:]]
     if o.displacement:
@@ -209,8 +254,12 @@ def _without_means(columns: Array, group: NDArray[np.int_]) -> Array:
 def columns(o: Observations, model: Model) -> Array:
     """The observation matrix in units of noise per unit of a parameter's scale, `(rows, n)`, references taken off."""
     m = o.measurements
-    change = sensitivity(model, m.cases, m.case, m.point)
-    n = model.x.size
+    return whitened(o, sensitivity(model, m.cases, m.case, m.point))
+
+
+def whitened(o: Observations, change: Array) -> Array:
+    """Changes of the readings `(M, 6, n)`, m and rad, in units of noise, references taken off: `(rows, n)`."""
+    n = change.shape[2]
     position = (change[:, :3] / o.sigma_p).reshape(-1, n)
     turned = (change[o.turned, 3:] / o.sigma_r).reshape(-1, n)
     return _center(o, np.concatenate([position, turned]))

@@ -9,8 +9,8 @@ from __future__ import annotations
 
 import logging
 import re
+from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -21,6 +21,8 @@ from drake_stiffness.chain_names import check_names
 from drake_stiffness.errors import InputError
 from drake_stiffness.files import read_bytes
 from drake_stiffness.meshes import warn_of_missing_meshes
+from drake_stiffness.model_files import add_models
+from drake_stiffness.point_spring import PointSpring
 from drake_stiffness.rotations import Array, rotation_of_axis
 
 
@@ -57,7 +59,7 @@ def parse_plant(cell: Cell) -> Any:
     # Drake writes warnings (missing actuator limits and the like) to its own log; what concerns the user is raised.
     logging.getLogger("drake").setLevel(logging.ERROR)
     try:
-        _add_models(parser, path)
+        add_models(parser, path)
     except (RuntimeError, ValueError) as error:
         reason = str(error).strip().splitlines()[0]
         raise InputError(
@@ -66,28 +68,6 @@ def parse_plant(cell: Cell) -> Any:
         ) from None
     _weld_base(plant, cell)
     return plant
-
-
-def _add_models(parser: Any, path: Path) -> None:
-    """Let Drake's parser read the model; packages beside it and in ROS_PACKAGE_PATH are known.
-
-    Model directives may name files relative to themselves, as everything in this project does; Drake wants a URI there.
-    """
-    packages = parser.package_map()
-    packages.PopulateFromRosPackagePath()
-    for folder in path.resolve().parents[:4]:
-        if (folder / "package.xml").is_file():
-            packages.PopulateFromFolder(str(folder))
-            break
-    if path.suffix not in (".yaml", ".yml"):
-        parser.AddModels(str(path))
-        return
-    packages.PopulateFromFolder(str(path.resolve().parent))
-    text = path.read_text(encoding="utf-8")
-    folder = path.resolve().parent
-    relative = r"""(\bfile:\s+)(['"]?)(?![a-z]+://)([^'"\s,}]+)\2"""
-    absolute = re.sub(relative, lambda m: f"{m[1]}{m[2]}file://{(folder / m[3]).resolve()}{m[2]}", text)
-    parser.AddModelsFromString(absolute, "dmd.yaml")
 
 
 def _weld_base(plant: Any, cell: Cell) -> None:
@@ -273,46 +253,52 @@ class ElasticPlant:
     end: Any
 
 
-def build_elastic_plant(cell: Cell) -> ElasticPlant:
+def build_elastic_plant(cell: Cell, springs: Sequence[PointSpring] = ()) -> ElasticPlant:
     """The plant of seed eq. (1): every chain joint is replaced by virtual joint, actuated joint and joint spring in series.
 
     The plant is for statics (its intermediate bodies are massless): set the positions of the virtual joints and read poses,
     Jacobians and generalised forces.
+
+    Parameters
+    ----------
+    springs : sequence of PointSpring
+        Each becomes a LinearSpringDamper (`GravityCompensator.point_spring` makes one).
     """
     from pydrake.math import RigidTransform
-    from pydrake.multibody.tree import (
-        FixedOffsetFrame,
-        PrismaticJoint,
-        RevoluteJoint,
-        RpyFloatingJoint,
-        SpatialInertia,
-        UnitInertia,
-    )
+    from pydrake.multibody import tree
 
     plant = parse_plant(cell)
     chain = find_chain(plant, cell)
     for actuator in [plant.get_joint_actuator(i) for i in plant.GetJointActuatorIndices()]:
         plant.RemoveJointActuator(actuator)
     _lock_others(plant, chain)
-    massless = SpatialInertia(mass=0.0, p_PScm_E=np.zeros(3), G_SP_E=UnitInertia(0.0, 0.0, 0.0))
+    massless = tree.SpatialInertia(mass=0.0, p_PScm_E=np.zeros(3), G_SP_E=tree.UnitInertia(0.0, 0.0, 0.0))
     instance = chain.joints[0].model_instance()
-    actuated, joint_springs, link_springs = [], [], []
-    kinds = {"revolute": RevoluteJoint, "prismatic": PrismaticJoint}
+    actuated, joint_springs, link_springs, sides = [], [], [], {}
+    kinds = {"revolute": tree.RevoluteJoint, "prismatic": tree.PrismaticJoint}
     for joint in chain.joints:
         name, F, M, axis = joint.name(), joint.frame_on_parent(), joint.frame_on_child(), _axis(joint)
         make = kinds[joint.type_name()]
         plant.RemoveJoint(joint)
         bent = plant.AddRigidBody(f"{name}_bent_link", instance, massless)
-        link_springs.append(plant.AddJoint(RpyFloatingJoint(f"{name}_link_spring", F, bent.body_frame())))
+        link_springs.append(plant.AddJoint(tree.RpyFloatingJoint(f"{name}_link_spring", F, bent.body_frame())))
         moved = plant.AddRigidBody(f"{name}_moved", instance, massless)
         actuated.append(plant.AddJoint(make(name, bent.body_frame(), moved.body_frame(), axis)))
         joint_springs.append(plant.AddJoint(make(f"{name}_spring", moved.body_frame(), M, axis)))
+        sides[name] = (bent, M)
+    for spring in springs:
+        bent, M = sides[spring.joint]
+        # M may be offset from its body, the link after the joint.
+        p_BodyB = M.GetFixedPoseInBodyFrame() @ spring.p_MB
+        plant.AddForceElement(
+            tree.LinearSpringDamper(bent, spring.p_FA, M.body(), p_BodyB, spring.free_length, spring.stiffness, 0.0)
+        )
     x, y, z = cell.tool.center_of_mass_m
-    about = UnitInertia(y * y + z * z, x * x + z * z, x * x + y * y, -x * y, -x * z, -y * z)
-    tool = SpatialInertia(mass=cell.tool.mass_kg, p_PScm_E=np.array([x, y, z]), G_SP_E=about)
+    about = tree.UnitInertia(y * y + z * z, x * x + z * z, x * x + y * y, -x * y, -x * z, -y * z)
+    tool = tree.SpatialInertia(mass=cell.tool.mass_kg, p_PScm_E=np.array([x, y, z]), G_SP_E=about)
     end = plant.AddRigidBody("elastic_flange", instance, tool)
-    link_springs.append(plant.AddJoint(RpyFloatingJoint("flange_link_spring", chain.flange, end.body_frame())))
-    frame = plant.AddFrame(FixedOffsetFrame("elastic_end", end.body_frame(), RigidTransform()))
+    link_springs.append(plant.AddJoint(tree.RpyFloatingJoint("flange_link_spring", chain.flange, end.body_frame())))
+    frame = plant.AddFrame(tree.FixedOffsetFrame("elastic_end", end.body_frame(), RigidTransform()))
     plant.mutable_gravity_field().set_gravity_vector(np.array(cell.gravity_m_per_s2))
     plant.Finalize()
     return ElasticPlant(plant, tuple(actuated), tuple(joint_springs), tuple(link_springs), frame)
@@ -341,3 +327,11 @@ def _lock_others(plant: Any, chain: Chain) -> None:
         name, F, M = joint.name(), joint.frame_on_parent(), joint.frame_on_child()
         plant.RemoveJoint(joint)
         plant.AddJoint(WeldJoint(f"{name}_locked", F, M, X_FM))
+
+
+def start_viewer() -> Any:
+    """Drake's Meshcat, open to this machine only; everything put into it becomes one page by its `StaticHtml()`."""
+    from pydrake.geometry import Meshcat, MeshcatParams
+
+    logging.getLogger("drake").setLevel(logging.ERROR)
+    return Meshcat(MeshcatParams(host="localhost"))

@@ -42,6 +42,15 @@ def spring_parameters(model: Model) -> NDArray[np.bool_]:
     return np.array([isinstance(e, Spring) for e in model.effects for _ in e.parameters], dtype=bool)
 
 
+def cone_blocks(model: Model) -> tuple[NDArray[np.int_], ...]:
+    """Every cone of a model as a square array of parameter numbers, -1 for a structural zero."""
+    return tuple(
+        np.where(block >= 0, block + own.start, -1)
+        for effect, own in zip(model.effects, model.slices, strict=True)
+        for block in effect.cone_blocks
+    )
+
+
 class Linearised:
     """One linearisation of a model: what is seen, the cones, and the ways to solve for the parameters.
 
@@ -121,13 +130,8 @@ class Linearised:
         held[self._bounded] = True
         return held
 
-    def _blocks(self) -> list[NDArray[np.int_]]:
-        """Every cone as a square array of parameter numbers, -1 for a zero."""
-        return [
-            np.where(block >= 0, block + own.start, -1)
-            for effect, own in zip(self.model.effects, self.model.slices, strict=True)
-            for block in effect.cone_blocks
-        ]
+    def _blocks(self) -> tuple[NDArray[np.int_], ...]:
+        return cone_blocks(self.model)
 
     def _matrix(self, block: NDArray[np.int_], x: Array) -> Array:
         """A cone's matrix in scaled units: congruence with the component scales keeps definiteness."""
@@ -215,6 +219,9 @@ class Linearised:
             x = base + (view.seen * (unit / view.weight)) @ u + (free @ y if free.shape[1] else 0)
             # Without a price on y the program has flat directions, which an interior-point method walks along for ever.
             cost = cp.sum_squares(u) + (_FLAT * cp.sum_squares(y) if free.shape[1] else 0)
+            if view.hidden.shape[1] and free.shape[1]:
+                # What the noise hides is not fitted, but moving along it costs what the readings say.
+                cost += cp.sum_squares((view.hidden_weight[:, None] / unit * (view.hidden.T @ free)) @ y)
             limits = self._limits(np.zeros_like(x0), 1.0)
             self._fit = (cp.Problem(cp.Minimize(cost), self._constraints(x, *limits)), u, y, base)
         problem, u, y, base = self._fit

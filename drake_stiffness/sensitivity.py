@@ -1,8 +1,8 @@
 """How readings change with the parameters: the observation matrix of seed eqs. (9), (23), reading by reading.
 
 Columns of linear springs are analytic, J omega J^T W at the undeflected posture. That makes them exactly the columns of the
-linear theory: redundancies stay exact and ranks have visible gaps. All other effects get central differences of the loaded
-equilibrium.
+linear theory: redundancies stay exact and ranks have visible gaps. Where hardware turns a joint (a gravity compensator), what
+its spring carries includes that torque. All other effects get central differences of the loaded equilibrium.
 """
 
 from __future__ import annotations
@@ -19,6 +19,7 @@ from drake_stiffness.equilibrium import solve_equilibrium
 from drake_stiffness.model import Model
 from drake_stiffness.rotations import Array, logarithm, multiply, rotate
 from drake_stiffness.simulation import read
+from drake_stiffness.structure import carried_with_hardware
 
 # Central differences step by this share of a parameter's scale: truncation and rounding both stay below 1e-9.
 _STEP = 0.05
@@ -38,7 +39,7 @@ def sensitivity(model: Model, cases: Cases, case: NDArray[np.int_], point: NDArr
         Rows: position (m) and rotation of the flange (rad).
     """
     out = np.empty((case.size, 6, model.x.size))
-    springs = _SpringColumns(model, cases, case, point) if any(isinstance(e, Spring) for e in model.effects) else None
+    springs = SpringColumns(model, cases, case, point) if any(isinstance(e, Spring) for e in model.effects) else None
     for effect, own in zip(model.effects, model.slices, strict=True):
         if isinstance(effect, Spring) and springs is not None:
             out[:, :, own] = springs.of(effect)
@@ -73,7 +74,7 @@ def _differences(model: Model, cases: Cases, case: NDArray[np.int_], point: NDAr
     return out
 
 
-class _SpringColumns:
+class SpringColumns:
     """Columns J omega J^T W of linear springs at the undeflected posture (seed eq. 23), as the instruments see them."""
 
     def __init__(self, model: Model, cases: Cases, case: NDArray[np.int_], point: NDArray[np.str_]) -> None:
@@ -83,11 +84,12 @@ class _SpringColumns:
         for effect, x in model.structure.wrench_effects:
             wrench = effect.on_wrench(wrench, cases, poses.R_E, x)
         links = [True] * (self.arm.num_joints + 1)
-        self.tau_joint, self.tau_link = torques(self.arm, poses, wrench, cases.p_ELoad, None, links)
-        self.poses = _take(poses, case)
+        tau_joint, self.tau_link = torques(self.arm, poses, wrench, cases.p_ELoad, None, links)
+        self.tau_joint = carried_with_hardware(model.structure, cases.q, tau_joint)
+        self.poses = take_poses(poses, case)
         R = self.poses.R_E
         self.p = self.poses.p_E + rotate(R, model.point_positions(point))
-        self.turn = _instrument_jacobians(model, cases, Reading(self.p, R, point, case))
+        self.turn = instrument_jacobians(model, cases, Reading(self.p, R, point, case))
 
     def of(self, effect: Spring) -> Array:
         place, number = effect.site(self.arm)
@@ -109,7 +111,7 @@ class _SpringColumns:
         return out.transpose(2, 1, 0)
 
 
-def _take(poses: Poses, case: NDArray[np.int_]) -> Poses:
+def take_poses(poses: Poses, case: NDArray[np.int_]) -> Poses:
     """Poses reading by reading; constants that broadcast stay as they are."""
 
     def pick(a: Array) -> Array:
@@ -130,7 +132,7 @@ def _take(poses: Poses, case: NDArray[np.int_]) -> Poses:
     )
 
 
-def _instrument_jacobians(model: Model, cases: Cases, reading: Reading) -> tuple[Array, Array] | None:
+def instrument_jacobians(model: Model, cases: Cases, reading: Reading) -> tuple[Array, Array] | None:
     """How instruments pass on a small displacement (3, 3, M) and a small rotation (3, 3, M); None where they pass it as is."""
     effects = [(e, x) for e, x in zip(model.effects, model.values, strict=True) if e.station == "reading"]
     if not effects:

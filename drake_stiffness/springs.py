@@ -6,11 +6,13 @@ compliance matrix `k`. How many of its 36 entries are independent unknowns is th
 - `full`: all 36, as the seed's first model has it; not a physical matrix unless it happens to be symmetric;
 - `symmetric`: the 21 that remain after M1 (seed eq. 21);
 - `beam`: the 8 that remain after M2 for a prismatic beam (seed eq. 24), written for a long axis x and permuted cyclically
-  to y or z.
+  to y or z;
+- a mask: the entries of the upper triangle that somebody lists, the rest zero. What a reduction (M3) leaves is one.
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Literal
@@ -85,7 +87,7 @@ class SpringTemplate:
             number[i, j] = number[j, i] = unknown
         blocks, seen = [], set()
         for start in range(6):
-            if start in seen or number[start, start] < 0:
+            if start in seen or (number[start] < 0).all():
                 continue
             members, frontier = {start}, [start]
             while frontier:
@@ -98,6 +100,19 @@ class SpringTemplate:
             order = sorted(members)
             blocks.append(number[np.ix_(order, order)])
         return tuple(blocks)
+
+    @property
+    def unsupported(self) -> tuple[str, ...]:
+        """Diagonal entries that a positive-semidefinite matrix of this pattern needs and has not.
+
+        A zero on the diagonal of such a matrix makes its whole row and column zero, so an off-diagonal unknown without both
+        its diagonal ones could only be zero. Empty for every named template; a mask may have some.
+        """
+        if not self.symmetric:
+            return ()
+        own = {i for i, j in self.entries if i == j}
+        lacking = sorted({d for i, j in self.entries if i != j for d in (i, j)} - own)
+        return tuple(f"k{d + 1}{d + 1}" for d in lacking)
 
 
 _UNITS = ("m/N", "rad/N", "rad/(N m)")
@@ -125,6 +140,42 @@ def spring_template(template: Template, beam_axis: str = "x") -> SpringTemplate:
         pairs = sorted((min(turn(i), turn(j)), max(turn(i), turn(j))) for i, j in _BEAM_X)
         return SpringTemplate(tuple(pairs), symmetric=True)
     raise ValueError(f"unknown spring template {template!r}; expected one of {', '.join(TEMPLATES)}")
+
+
+@lru_cache
+def masked_template(names: tuple[str, ...]) -> SpringTemplate:
+    """A symmetric template that has the named entries only, in row-major order.
+
+    Parameters
+    ----------
+    names : tuple of str
+        Entries as `mask_entries` hands them back.
+    """
+    return SpringTemplate(tuple((int(name[1]) - 1, int(name[2]) - 1) for name in mask_entries(names)), symmetric=True)
+
+
+def mask_entries(names: Iterable[str]) -> tuple[str, ...]:
+    """Entries of the upper triangle in row-major order; `k62` is `k26`.
+
+    Raises
+    ------
+    ValueError
+        If a name is none of k11 .. k66, stands twice, or nothing is named.
+    """
+    known = {f"k{i}{j}": f"k{min(i, j)}{max(i, j)}" for i in range(1, 7) for j in range(1, 7)}
+    found: list[str] = []
+    for name in names:
+        if name not in known:
+            raise ValueError(
+                f"found '{name}'; expected entries of the 6x6 compliance matrix, k11 .. k66 (1 to 3 translations, 4 to 6 "
+                "rotations of the spring frame)"
+            )
+        if known[name] in found:
+            raise ValueError(f"'{name}' stands twice (the matrix is symmetric: k26 and k62 are one unknown)")
+        found.append(known[name])
+    if not found:
+        raise ValueError("found no entry; expected at least one of k11 .. k66, or leave the link out of springs.links")
+    return tuple(sorted(found))
 
 
 def symmetrisation_map() -> NDArray[np.float64]:

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from drake_stiffness.arm import Arm, forward
 from drake_stiffness.effects.effect import Cases
 from drake_stiffness.errors import NoEquilibriumError
 from drake_stiffness.rotations import Array
-from drake_stiffness.structure import Structure, at_rest, deflect, stack, unstack
+from drake_stiffness.structure import Structure, at_rest, deflect, stack, torque_slope, unstack
 
 _NEWTON_STEPS = 40
 # A deflection of so much (rad or m) is beyond all hope.
@@ -28,7 +30,11 @@ def softness(structure: Structure, cases: Cases) -> Array:
     weight = (arm.mass_kg[1:].sum() + abs(arm.tool_mass_kg)) * np.linalg.norm(arm.gravity)
     force = np.sqrt((cases.wrench[:3] ** 2).sum(axis=0))
     moment = np.sqrt((cases.wrench[3:] ** 2).sum(axis=0))
-    return np.asarray(max(softest) * ((weight + force) * reach + moment))
+    estimate = max(softest) * ((weight + force) * reach + moment)
+    if structure.torque_effects:
+        slope = torque_slope(structure, cases.q, np.zeros_like(cases.q))
+        estimate = estimate + np.abs(structure.k_joint[:, None] * slope).max(axis=0)
+    return np.asarray(estimate)
 
 
 def judge_stability(structure: Structure, case: Cases, number: int, stacked: Array | None, failed: bool) -> None:
@@ -71,13 +77,13 @@ def _image(structure: Structure, cases: Cases, stacked: Array) -> Array:
     """k tau at given deflections, stacked."""
     joint, link = unstack(structure, stacked)
     poses = forward(structure.arm, cases.q, joint, link)
-    return stack(*deflect(structure, cases, poses, link, np.zeros_like(joint)))
+    return stack(*deflect(structure, cases, poses, joint, link, np.zeros_like(joint)))
 
 
 def _iteration_matrix(structure: Structure, case: Cases, at: Array) -> Array:
     """d (k tau) / d theta = k H of one case at deflections `at (dof, 1)`, by central differences."""
     h = 1e-6
-    linear = Structure(structure.arm, structure.k_joint, structure.k_link)
+    linear = replace(structure, others=())
     size = at.shape[0]
     shift = np.concatenate([np.eye(size), -np.eye(size)], axis=1) * h
     moved = _image(linear, case.take(np.zeros(2 * size, dtype=int)), at + shift)

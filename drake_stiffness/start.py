@@ -3,19 +3,25 @@
 from __future__ import annotations
 
 import logging
+from dataclasses import replace
 
 import numpy as np
 
 from drake_stiffness.arm import forward
 from drake_stiffness.campaign import Measurements
+from drake_stiffness.effects.compliance import JointCompliance
 from drake_stiffness.effects.instruments import TrackerFrame
 from drake_stiffness.model import Model
 from drake_stiffness.rotations import Array, logarithm, rotate
+from drake_stiffness.structure import acts_on_joints
 
 log = logging.getLogger("drake_stiffness")
 
 # An arm bends by millimetres; readings farther off than this are in another frame or of another arm.
 _PLAUSIBLE_M = 0.1
+# Share of its scale at which such a joint starts: an industrial joint's compliance, where hardware raised the scale.
+_TYPICAL = 0.1
+_KEPT = 0.5
 
 
 def starting_model(model: Model, measurements: Measurements) -> Model:
@@ -35,6 +41,45 @@ def starting_model(model: Model, measurements: Measurements) -> Model:
     x = model.x.copy()
     x[model.slices[places[0]]] = fitted_frame(p_W, position.T)
     return model.with_x(x)
+
+
+def with_something_to_turn(model: Model, bent: Model) -> Model:
+    """The model with every joint that hardware acts on started at its value in `bent`, or at a typical one.
+
+    A torque on a rigid joint moves nothing, so a gravity compensator would not be seen from there; on a joint far too stiff it
+    would seem to be far too strong.
+    """
+    share, x = _shares(bent), model.x.copy()
+    for effect, own in _turned(model):
+        x[own] = max(share[effect.where], _TYPICAL * effect.scale)
+    return model.with_x(x)
+
+
+def with_joints_held(model: Model, bent: Model) -> Model:
+    """The model with every joint that hardware acts on started at its value in `bent`, and kept above half of it.
+
+    Which of a joint and its neighbours gives way is open in the linear theory, and a semidefinite program that follows that may
+    leave the joint rigid, with its hardware nothing to act on. Least squares, which has no cone, has found the joint's share.
+    """
+    share, effects, x = _shares(bent), list(model.effects), model.x.copy()
+    for effect, own in _turned(model):
+        if share[effect.where] > 0.0:
+            effects[effects.index(effect)] = effect.kept_above(_KEPT * share[effect.where])
+            x[own] = share[effect.where]
+    return replace(model, effects=tuple(effects), x=x, statistics=None)
+
+
+def _turned(model: Model) -> list[tuple[JointCompliance, slice]]:
+    """The springs of joints that hardware acts on."""
+    hardware = {effect.where for effect in model.effects if acts_on_joints(effect)}
+    both = zip(model.effects, model.slices, strict=True)
+    return [(e, own) for e, own in both if isinstance(e, JointCompliance) and e.where in hardware]
+
+
+def _shares(model: Model) -> dict[str, float]:
+    """Compliance of every joint that has a spring."""
+    both = zip(model.effects, model.values, strict=True)
+    return {e.where: float(x[0]) for e, x in both if isinstance(e, JointCompliance)}
 
 
 def fitted_frame(p_W: Array, p_T: Array) -> Array:

@@ -5,15 +5,19 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
+from drake_stiffness.base_parameters import base_of
 from drake_stiffness.campaign import Measurements
 from drake_stiffness.effects.compliance import JointCompliance, Spring
+from drake_stiffness.hold_out import posture_groups
 from drake_stiffness.identifiability import classify, determined
 from drake_stiffness.identification import Solution
 from drake_stiffness.model import Model, Statistics
 from drake_stiffness.observation import Observations
 from drake_stiffness.rotations import Array
 from drake_stiffness.simulation import simulate_readings
+from drake_stiffness.thresholds import LOWER_RATIO, UPPER_RATIO
 
 # The stated noise counts as rejected below this probability.
 REJECTED_BELOW = 1e-3
@@ -59,41 +63,62 @@ def covariance(solution: Solution, o: Observations, fit: GoodnessOfFit) -> tuple
     """Covariance of the determined combinations in units of scale, and how it was got.
 
     With the stated noise accepted this is seed eq. (14). Where chi-square rejects it, the sandwich of seed eq. (13) with the
-    residuals of whole experiments as its middle, so that readings of one posture need not be independent; with fewer than
-    two experiments per combination the middle is too poor, and eq. (14) is scaled by chi-square instead.
+    residuals of whole postures as its middle, so that readings of one posture need not be independent, however many experiments
+    they were taken in; with fewer than two postures per combination the middle is too poor, and eq. (14) is scaled by
+    chi-square instead.
     """
     view = solution.identifiability
     plain, hidden = view.covariance(), view.hidden_covariance()
     if not fit.rejected:
         return plain + hidden, "stated noise, eq. (14)"
-    experiments = int(o.cluster.max()) + 1
-    if experiments < 2 * view.fitted:
+    cluster = posture_of_rows(o)
+    postures = int(cluster.max()) + 1
+    if postures < 2 * view.fitted:
         return (
             plain + hidden
         ) * fit.chi2_per_dof, "eq. (14) scaled by chi-square per degree of freedom (stated noise rejected)"
     scores = (solution.A @ view.seen) * solution.residual[:, None] / view.weight**2
-    order = np.argsort(o.cluster, kind="stable")
-    starts = np.flatnonzero(np.diff(o.cluster[order], prepend=-1))
+    order = np.argsort(cluster, kind="stable")
+    starts = np.flatnonzero(np.diff(cluster[order], prepend=-1))
     sums = np.add.reduceat(scores[order], starts, axis=0)
-    inflation = experiments / (experiments - 1) * (o.rows - 1) / max(o.rows - o.references - view.fitted, 1)
+    inflation = postures / (postures - 1) * (o.rows - 1) / max(o.rows - o.references - view.fitted, 1)
     middle = inflation * sums.T @ sums
     clustered = view.seen @ middle @ view.seen.T + fit.chi2_per_dof * hidden
-    return clustered, "sandwich, eq. (13), clustered by experiment (stated noise rejected)"
+    return clustered, "sandwich, eq. (13), clustered by posture (stated noise rejected)"
 
 
-def statistics(solution: Solution, o: Observations, fit: GoodnessOfFit) -> tuple[Statistics, str]:
-    """Sigmas, groups and relations of all parameters, in SI; and how the covariance was got."""
+def posture_of_rows(o: Observations) -> NDArray[np.int_]:
+    """(rows,) number of the posture of every scalar row; experiments of one posture share it."""
+    return posture_groups(o.measurements.cases)[o.cluster]
+
+
+def statistics(
+    solution: Solution,
+    o: Observations,
+    fit: GoodnessOfFit,
+    *,
+    upper: float = UPPER_RATIO,
+    lower: float = LOWER_RATIO,
+) -> tuple[Statistics, str]:
+    """Sigmas, groups and relations of all parameters, in SI; and how the covariance was got.
+
+    Parameters
+    ----------
+    upper, lower : float
+        Thresholds of the ratio (20) between G1+, G1~ and G1-.
+    """
     scaled, how = covariance(solution, o, fit)
     model, view = solution.model, solution.identifiability
     known = determined(view)
     sigma = np.sqrt(np.maximum(np.diag(scaled), 0.0))
-    groups = classify(view, model.x / model.scales, sigma)
+    groups = classify(view, model.x / model.scales, sigma, upper=upper, lower=lower)
     merged = tuple(
         tuple(model.names[j] for j in partners) if group == "G3" else ()
-        for partners, group in zip(view.merged, groups, strict=True)
+        for partners, group in zip(base_of(view, model).partners(), groups, strict=True)
     )
     cov = scaled * np.outer(model.scales, model.scales)
-    return Statistics(np.where(known, sigma * model.scales, np.nan), groups, merged, cov, view.unseen), how
+    shift = view.seen @ view.pseudo_inverse_seen(solution.A, solution.residual) * model.scales
+    return Statistics(np.where(known, sigma * model.scales, np.nan), groups, merged, cov, view.unseen, shift), how
 
 
 def held_out_errors(model: Model, measurements: Measurements, displacement: bool) -> Array:
@@ -145,7 +170,7 @@ def warnings_of(solution: Solution, statistics: Statistics, fit: GoodnessOfFit, 
                 "by this campaign."
             )
         if isinstance(effect, Spring):
-            lines += _signs(effect, model.x[own], names)
+            lines += _signs(effect, model.x[own], names, groups, statistics.sigma[own])
     merged = [n for n, g in zip(model.names, statistics.group, strict=True) if g == "G3"]
     if merged:
         lines.append(
@@ -179,8 +204,10 @@ def warnings_of(solution: Solution, statistics: Statistics, fit: GoodnessOfFit, 
     return lines
 
 
-def _signs(effect: Spring, x: Array, names: tuple[str, ...]) -> list[str]:
-    """Compliances that no passive structure can have."""
+def _signs(effect: Spring, x: Array, names: tuple[str, ...], groups: tuple[str, ...], sigma: Array) -> list[str]:
+    """Compliances that no passive structure can have; rounding of what is not seen or hidden by the noise is none."""
+    if x.size == 1 and (groups[0] == "G2" or -1e-3 * sigma[0] < x[0] < 0):
+        return []
     matrix = effect.matrix(x)
     if np.abs(matrix - matrix.T).max() > 1e-9 * max(np.abs(matrix).max(), 1e-300):
         return [f"NOT PHYSICAL: the compliance matrix of '{effect.where}' is not symmetric."]

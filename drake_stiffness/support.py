@@ -5,11 +5,16 @@ variance a^T C a. The part along unseen directions is not evidence at all: the m
 least norm). Its share is measured against the whole gradient, each parameter weighted by the size it plausibly has - the
 larger of its value and the typical size of identified compliances - so that a share of one means that nothing of the
 predicted displacement was ever observed.
+
+The interval of a prediction is centred at least squares without constraints, whose error is exactly Gaussian, and not at the model:
+near an active constraint the model is the projection of least squares onto the cones, no sum of errors any more. Both differ by
+the stored shift. So a +- 1.96 sigma around least squares keeps its coverage wherever the truth lies, at the rim of a cone too;
+the interval reported is its hull with the prediction itself. It speaks of what the campaign saw and of nothing else.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,6 +28,8 @@ from drake_stiffness.sensitivity import sensitivity
 # Beyond this share a prediction is refused (exit code 3); beyond the smaller one the user is warned.
 REFUSE_ABOVE = 0.2
 WARN_ABOVE = 0.02
+# Half a 95 % interval in standard deviations.
+Z95 = 1.959963984540054
 # Compliances below this, in units of scale, are none.
 _NOTHING = 1e-6
 # Readings whose gradients are held at once.
@@ -39,10 +46,14 @@ class Support:
         Standard deviation of the predicted coordinates from the parameters' covariance, m; NaN without statistics.
     unsupported : (M,)
         Share (0 .. 1) of the prediction that rests on directions the campaign did not see.
+    low, high : (M, 3)
+        Ends of the 95 % interval, m, counted from the prediction (low <= 0 <= high); NaN without statistics.
     """
 
     sigma: Array
     unsupported: Array
+    low: Array
+    high: Array
 
 
 def displacement_support(model: Model, cases: Cases, case: NDArray[np.int_], point: NDArray[np.str_]) -> Support:
@@ -50,12 +61,16 @@ def displacement_support(model: Model, cases: Cases, case: NDArray[np.int_], poi
     parts = []
     for start in range(0, case.size, _CHUNK):
         own = slice(start, start + _CHUNK)
-        used, here = np.unique(case[own], return_inverse=True)
-        few = cases.take(used)
-        loaded = sensitivity(model, few, here.reshape(-1), point[own])[:, :3]
-        unloaded = sensitivity(model, few.unloaded(), here.reshape(-1), point[own])[:, :3]
-        parts.append(_support(model, loaded - unloaded))
-    return Support(np.concatenate([p.sigma for p in parts]), np.concatenate([p.unsupported for p in parts]))
+        parts.append(_support(model, displacement_gradient(model, cases, case[own], point[own])))
+    return Support(*(np.concatenate([getattr(p, f.name) for p in parts]) for f in fields(Support)))
+
+
+def displacement_gradient(model: Model, cases: Cases, case: NDArray[np.int_], point: NDArray[np.str_]) -> Array:
+    """How displacements (loaded minus unloaded at the same joints) change with the parameters, (M, 3, n) per unit of scale."""
+    used, here = np.unique(case, return_inverse=True)
+    few, here = cases.take(used), here.reshape(-1)
+    loaded, unloaded = sensitivity(model, few, here, point), sensitivity(model, few.unloaded(), here, point)
+    return loaded[:, :3] - unloaded[:, :3]
 
 
 def tool_support(model: Model, cases: Cases) -> Support:
@@ -75,10 +90,13 @@ def _support(model: Model, gradient: Array) -> Support:
     M = gradient.shape[0]
     s = model.statistics
     if s is None or not model.x.size:
-        return Support(np.full((M, 3), np.nan), np.zeros(M))
+        unknown = np.full((M, 3), np.nan)
+        return Support(unknown, np.zeros(M), unknown, unknown)
     cov = s.covariance / np.outer(model.scales, model.scales)
-    variance = np.einsum("mci,mci->mc", gradient @ cov, gradient)
-    return Support(np.sqrt(np.maximum(variance, 0.0)), _unsupported(model, gradient, s.null_space))
+    sigma = np.sqrt(np.maximum(np.einsum("mci,mci->mc", gradient @ cov, gradient), 0.0))
+    centre = gradient @ (np.zeros(model.x.size) if s.shift is None else s.shift / model.scales)
+    low, high = np.minimum(centre - Z95 * sigma, 0.0), np.maximum(centre + Z95 * sigma, 0.0)
+    return Support(sigma, _unsupported(model, gradient, s.null_space), low, high)
 
 
 def _unsupported(model: Model, gradient: Array, unseen: Array) -> Array:

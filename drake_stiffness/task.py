@@ -18,6 +18,7 @@ from drake_stiffness.errors import InputError
 from drake_stiffness.hold_out import held_out_experiments
 from drake_stiffness.model import Model
 from drake_stiffness.observation import Observations, observe, restrict
+from drake_stiffness.posture_noise import PostureNoise, posture_noise
 
 Progress = Callable[[str], None]
 
@@ -79,6 +80,15 @@ class Task:
         """The model with every effect at its own start."""
         return make_model(self.cell, self.arm, self.effects)
 
+    @property
+    def motion(self) -> PostureNoise | None:
+        """How exactly the arm comes back, if the campaign states it."""
+        noise = self.campaign.noise
+        if noise.posture_sigma_mm is None:
+            return None
+        points = self.cell.reference_points_m
+        return posture_noise(noise.posture_sigma_mm * 1e-3, noise.posture_noise, self.arm, points, self.measurements)
+
     def taking_part(self) -> Measurements:
         """The measurements that a fit may use."""
         return restrict(self.measurements, ~self.held)
@@ -90,7 +100,7 @@ class Task:
     def observations(self, experiments: NDArray[np.bool_] | None = None) -> Observations:
         """The readings of some experiments, arranged for a fit; by default of those that take part."""
         chosen = ~self.held if experiments is None else experiments
-        return observe(restrict(self.measurements, chosen), self.displacement, self.campaign.noise)
+        return observe(restrict(self.measurements, chosen), self.displacement, self.campaign.noise, self.motion)
 
 
 def read_task(path: Path | str, progress: Progress = quiet) -> Task:

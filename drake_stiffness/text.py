@@ -9,13 +9,23 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
+from drake_stiffness.groups_text import show_base
+from drake_stiffness.intervals.interval import read_as
+from drake_stiffness.noise_components import noise_line
+
 if TYPE_CHECKING:
+    from drake_stiffness.design.augmentation import Suggestion
     from drake_stiffness.inspection import Inspection
+    from drake_stiffness.intervals.interval import Interval
     from drake_stiffness.jobs import Identified
     from toolpaths.result import Compensation
 
 # A model may have hundreds of parameters; the terminal shows the first ones, model.json and the report show all.
 _SHOWN = 40
+# Suggestions beyond these are counted only.
+_SUGGESTED = 4
+# Base parameters beside them: the joints of an arm and a few more.
+_BASE = 10
 
 
 def show_inspection(console: Console, result: Inspection) -> None:
@@ -44,16 +54,28 @@ def show_inspection(console: Console, result: Inspection) -> None:
         f"Unknowns of the complete model (all links and joints): {c['complete']}; symmetric (M1): {c['symmetric']}; "
         f"beam template (M2): {c['beam']}; this cell keeps {sum(s['unknowns'] for s in result.springs)}."
     )
+    for effect in result.effects:
+        unknowns = ", ".join(f"{p['name']} ({p['unit']})" for p in effect["parameters"])
+        console.print(
+            f"Besides springs: {effect['kind']} at {effect['where']}, {effect['unknowns']} unknowns: {unknowns}."
+        )
+    if result.effects:
+        console.print(f"Unknowns of the complete model with this hardware: {result.parameters_total}.")
     if result.identifiable:
         ranks = Table(
             title="What measurements can show: ranks over random postures, at this cell's load and reference points"
         )
-        for name in ("template", "load", "unknowns", "rank", "singular-value gap"):
+        for name in ("template", "load", "unknowns", "rank", "rank by algebra", "singular-value gap"):
             ranks.add_column(name)
         for entry in result.identifiable:
             gap = "full rank" if entry["singular_gap"] is None else f"{entry['singular_gap']:.1e}"
-            ranks.add_row(entry["template"], entry["load"], str(entry["parameters"]), str(entry["rank"]), gap)
+            algebra = "-" if entry["algebraic_rank"] is None else str(entry["algebraic_rank"])
+            ranks.add_row(entry["template"], entry["load"], str(entry["parameters"]), str(entry["rank"]), algebra, gap)
         console.print(ranks)
+        for entry in result.identifiable:
+            if entry["special_points"]:
+                line = f"! {entry['template']}, {entry['load']}: less than other points would show. {entry['special_points']}"
+                console.print(line, markup=False)
 
 
 def show_identification(console: Console, result: Identified) -> None:
@@ -75,6 +97,7 @@ def show_identification(console: Console, result: Identified) -> None:
         )
     if model.x.size > _SHOWN:
         console.print(f"... {model.x.size - _SHOWN} more in the model file and the report.")
+    show_base(console, result.groups, _BASE)
     fit = model.fit
     held = fit["held_out_rms_mm"]
     beside = f"; held out: {held:.4f} mm rms" if held == held and held is not None else ""
@@ -82,8 +105,42 @@ def show_identification(console: Console, result: Identified) -> None:
         f"Fit: residual {fit['residual_rms_mm']:.4f} mm rms{beside}; chi-square per degree of freedom {fit['chi2_per_dof']:.3g} "
         f"({fit['dof']} degrees of freedom)."
     )
+    if fit.get("noise_components") is not None:
+        line = noise_line(fit["noise_components"], result.campaign.noise, result.campaign.quantity == "displacement")
+        console.print(line, markup=False)
     for line in result.warnings:
         console.print(f"! {line}", markup=False)
+
+
+def show_intervals(console: Console, found: dict[str, tuple[Interval, ...]]) -> None:
+    """Intervals part by part, with what they rest on; sigma is that of seed eq. (14)."""
+    for part, some in found.items():
+        percent = f"{100 * some[0].level:g} %" if some else ""
+        what = "base parameters" if part == "base" else part
+        table = Table(title=f"{len(some)} {what}, {percent} intervals")
+        for name in ("name", "value", "low", "high", "sigma", "unit", "status"):
+            table.add_column(name, justify="left" if name in ("name", "unit", "status") else "right")
+        for one in some[:_SHOWN]:
+            factor, unit = read_as(one.unit)
+            numbers = (one.low, one.high, one.sigma)
+            value = f"{one.value * factor:.4g}"
+            cells = ("-" if v != v else f"{v * factor:.4g}" for v in numbers)
+            table.add_row(one.name, value if one.status == "identified" else f"({value})", *cells, unit, one.status)
+        console.print(table)
+        if len(some) > _SHOWN:
+            console.print(f"... {len(some) - _SHOWN} more with --json and in the report.")
+
+
+def show_suggestions(console: Console, suggestions: list[Suggestion]) -> None:
+    """What more postures would settle, the easiest first."""
+    if not suggestions:
+        return
+    order = sorted(suggestions, key=lambda s: (s.postures is None, s.postures or 0, -s.ratio))
+    console.print("What more postures would settle (`design --augment` plans them):")
+    for suggestion in order[:_SUGGESTED]:
+        console.print(f"+ {suggestion.text}", markup=False)
+    if len(order) > _SUGGESTED:
+        console.print(f"... and {len(order) - _SUGGESTED} more doubtful ones.")
 
 
 def show_compensation(console: Console, result: Compensation, output: Path) -> None:

@@ -9,10 +9,10 @@ import numpy as np
 from pydantic import Field
 
 from drake_stiffness.arm import Arm
-from drake_stiffness.assembly import default_beam_axis, joint_spring, link_spring, make_model
+from drake_stiffness.assembly import joint_spring, link_spring, make_model
 from drake_stiffness.cell import Cell
 from drake_stiffness.effects import Effect, make_effect
-from drake_stiffness.effects.compliance import Spring
+from drake_stiffness.effects.compliance import Spring, default_beam_axis
 from drake_stiffness.effects.geometry import JointZeroOffset
 from drake_stiffness.errors import InputError
 from drake_stiffness.files import Document, read_yaml
@@ -49,7 +49,7 @@ def read_truth(path: Path | str, cell: Cell, arm: Arm) -> Model:
     values: list[Array] = []
     for number, entry in enumerate(truth.effects):
         place = f"{path}: effects.{number}"
-        effect = _effect(entry, cell, arm, place)
+        effect = effect_of(entry, cell, arm, place)
         effects.append(effect)
         values.append(_values(entry, effect, place))
     try:
@@ -58,7 +58,7 @@ def read_truth(path: Path | str, cell: Cell, arm: Arm) -> Model:
         raise InputError(f"{path}: {error}") from None
 
 
-def _effect(entry: TruthEntry, cell: Cell, arm: Arm, place: str) -> Effect:
+def effect_of(entry: TruthEntry, cell: Cell, arm: Arm, place: str) -> Effect:
     """The effect of an entry; springs take their units and lengths from the arm."""
     if entry.kind == "joint_compliance" and entry.where in arm.joint_names:
         return joint_spring(arm, entry.where)
@@ -70,9 +70,14 @@ def _effect(entry: TruthEntry, cell: Cell, arm: Arm, place: str) -> Effect:
         if link in arm.link_names and base == (entry.kind == "base_compliance"):
             return link_spring(arm, link, "symmetric", default_beam_axis(arm, link) or "x")
     try:
-        return make_effect(entry.kind, entry.where, entry.settings)
+        return make_effect(entry.kind, entry.where, entry.settings or _settings_of_cell(entry, cell))
     except InputError as error:
         raise InputError(f"{place}: {error}") from None
+
+
+def _settings_of_cell(entry: TruthEntry, cell: Cell) -> dict[str, Any]:
+    """What cell.yaml says of the same hardware, so that a truth need not repeat it."""
+    return next((e.settings for e in cell.effects if (e.kind, e.where) == (entry.kind, entry.where)), {})
 
 
 def _values(entry: TruthEntry, effect: Effect, place: str) -> Array:

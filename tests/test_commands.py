@@ -126,8 +126,13 @@ def test_inspect_finds_the_ranks_that_geometry_allows(tmp_path):
     found = {(e["template"], e["load"]): e for e in entries}
     assert len(found) == len(entries) == 6
     parameters = {"full": 258, "symmetric": 153, "beam": 62}
-    for (template, _), entry in found.items():
-        assert set(entry) == {"template", "load", "parameters", "rank", "singular_gap"}
+    for (template, load), entry in found.items():
+        assert set(entry) == {
+            "template", "load", "parameters", "rank", "singular_gap", "algebraic_rank", "special_points",
+        }  # fmt: skip
+        assert entry["special_points"] is None
+        by_algebra = load == "wrench" and template != "beam"
+        assert entry["algebraic_rank"] == (entry["rank"] if by_algebra else None)
         assert entry["parameters"] == parameters[template]
         assert entry["singular_gap"] > 1e6
     # 7 * 36 - 6 * 12 and 7 * 21 - 6 * 7: what turning about an axis leaves unchanged is shared across every joint

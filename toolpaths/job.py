@@ -11,21 +11,18 @@ from drake_stiffness.effects.effect import Cases
 from drake_stiffness.errors import InputError, NoEquilibriumError, UntrustworthyError
 from drake_stiffness.model import Model
 from drake_stiffness.support import REFUSE_ABOVE, WARN_ABOVE, tool_support
-from toolpaths.compensation import Bench, Corrected, bench_of, deviation, mirror, reach
-from toolpaths.forces import wrenches
+from toolpaths.compensation import Bench, Corrected, deviation, mirror, reach
 from toolpaths.formats import DIALECTS
-from toolpaths.orientation import abc_from_rotation, rotation_from_abc
-from toolpaths.postures import Postures, along_path, outside_limits, singularity_margin
-from toolpaths.process import Process, check_frames, check_model, external_positions, posture
+from toolpaths.loaded_path import fail, loaded_path, targets
+from toolpaths.orientation import abc_from_rotation
+from toolpaths.postures import outside_limits
+from toolpaths.process import Process, check_frames, check_model
 from toolpaths.program import Program, Refusal, quantum_mm
 from toolpaths.result import Compensation
 from toolpaths.rewriting import Rewritten, rewrite
 
 Floats = NDArray[np.float64]
 Progress = Callable[[str, int, int], None]
-
-# Below this the arm is at a singularity (see `singularity_margin`): about half a degree of a straight wrist.
-SINGULAR_BELOW = 5e-3
 
 
 def silent(what: str, done: int, total: int) -> None:
@@ -66,19 +63,8 @@ def compensate(
         )
     check_frames(process, program, model)
     _refuse(program, program.refusals, keep_refused)
-    rows = np.flatnonzero(program.corrected)
-    if not rows.size:
-        raise InputError(
-            f"{program.path}: no linear or circular motion with a literal pose; there is nothing to correct."
-        )
-    start = posture(process, model)
-    bench = bench_of(model, process.reference, process.geometry)
-    R_all, p_all = _targets(program, process, bench, start)
-    given = external_positions(process, program, model, rows)
-    progress("inverse kinematics", 0, rows.size)
-    postures = _postures(program, model, bench, rows, R_all[rows], p_all[rows], start, given)
-    wrench = wrenches(process, program, rows, p_all, R_all[rows])
-    only = _position_only(program)[rows]
+    path = loaded_path(program, model, process, progress)
+    bench, rows, postures, wrench, only = path.bench, path.rows, path.postures, path.wrench, path.only
     try:
         result = mirror(
             bench, postures.q, wrench, only, postures.free, lambda done: progress("mirror iteration", done, rows.size)
@@ -90,7 +76,7 @@ def compensate(
     _refuse(program, written.refusals, keep_refused)
     progress("reading back", rows.size, rows.size)
     after, correction = _read_back(
-        program, process, bench, rows, written, result, wrench, R_all[rows], p_all[rows], only, postures.free
+        program, process, bench, rows, written, result, wrench, path.R, path.p, only, postures.free
     )
     sigma, unsupported = _support(program, model, rows, postures.q, wrench)
     return Compensation(
@@ -132,71 +118,18 @@ def _refuse(program: Program, refusals: tuple[Refusal, ...], keep: bool) -> None
     raise InputError(f"{lines}{more}{mend}{words}." if mend else f"{lines}{more}")
 
 
-def _targets(program: Program, process: Process, bench: Bench, start: Floats) -> tuple[Floats, Floats]:
-    """TCP poses (P, 3, 3), (P, 3) in the world of all rows of the program, m."""
-    R_WB, p_WB = process.base
-    abc = program.abc_deg
-    known = np.asarray(np.isfinite(abc).all(axis=1))
-    R = R_WB @ rotation_from_abc(np.where(known[:, None], abc, 0.0))
-    # A table without angles is cut with the orientation that the posture has.
-    R[~known] = bench.commanded(start[:, None])[0][:, :, 0]
-    return R, program.position_mm * 1e-3 @ R_WB.T + p_WB
-
-
-def _position_only(program: Program) -> NDArray[np.bool_]:
-    return np.asarray(program.position_only | ~np.isfinite(program.abc_deg).all(axis=1))
-
-
-def _postures(
-    program: Program,
-    model: Model,
-    bench: Bench,
-    rows: NDArray[np.int_],
-    R: Floats,
-    p: Floats,
-    start: Floats,
-    given: dict[int, Floats],
-) -> Postures:
-    """Joints along the path, or the lines where there are none."""
-    R_WE = R @ bench.R_ET.T
-    postures = along_path(model.arm, R_WE, p - np.einsum("nij,j->ni", R_WE, bench.p_ET), start, given)
-    if not postures.reached.all():
-        _fail(program, rows[~postures.reached], "out of reach of the arm")
-    outside = outside_limits(model.arm, postures.q)
-    if outside:
-        joint = model.arm.joint_names[outside[0][1]]
-        _fail(program, rows[sorted({row for row, _ in outside})], f"outside the joint limits (first: joint '{joint}')")
-    margin = singularity_margin(model.arm, postures.q)
-    if (margin < SINGULAR_BELOW).any():
-        _fail(
-            program,
-            rows[margin < SINGULAR_BELOW],
-            f"at a singularity (margin {margin.min():.2g}, at least {SINGULAR_BELOW:g} is needed)",
-        )
-    return postures
-
-
-def _fail(program: Program, rows: NDArray[np.int_], what: str) -> None:
-    lines = list(dict.fromkeys(program.line[rows].tolist()))
-    shown = ", ".join(map(str, lines[:20])) + (f" and {len(lines) - 20} more" if len(lines) > 20 else "")
-    raise UntrustworthyError(
-        f"{program.path}: {len(lines)} line{'s' * (len(lines) > 1)} {what}: line {shown}. Check workpiece, posture_deg and tool.tcp, or "
-        "move the workpiece."
-    )
-
-
 def _check_result(program: Program, model: Model, rows: NDArray[np.int_], result: Corrected) -> None:
     """Refuse corrections that did not converge or that leave the limits."""
     if not result.converged.all():
         worst = float(result.contraction.max())
-        _fail(
+        fail(
             program,
             rows[~result.converged],
             f"whose mirror iteration does not come to rest (steps shrink by {worst:.2g} only)",
         )
     outside = outside_limits(model.arm, result.q)
     if outside:
-        _fail(program, rows[sorted({row for row, _ in outside})], "outside the joint limits once corrected")
+        fail(program, rows[sorted({row for row, _ in outside})], "outside the joint limits once corrected")
 
 
 def _write(
@@ -229,7 +162,7 @@ def _read_back(
 ) -> tuple[Floats, Floats]:
     """Predicted distance from the wanted place with the numbers as printed (N,), and how far they moved (N, 3) mm."""
     printed = _parse_again(program, written.raw)
-    R, p = _targets(printed, process, bench, result.q[:, 0])
+    R, p = targets(printed, process, bench, result.q[:, 0])
     R_goal = np.where(only, R0.transpose(1, 2, 0), R[rows].transpose(1, 2, 0))
     q = reach(bench, result.q, R_goal, p[rows].T, free)
     off, _ = deviation(bench, q, wrench, R0.transpose(1, 2, 0), p0.T, only)
@@ -254,7 +187,7 @@ def _support(
     support = tool_support(model, Cases(q, wrench, model.tcp[1]))
     share = support.unsupported
     if (share > REFUSE_ABOVE).any():
-        _fail(
+        fail(
             program,
             rows[share > REFUSE_ABOVE],
             f"where the model's campaign does not support the prediction (up to {100 * share.max():.0f} % of it rests on "

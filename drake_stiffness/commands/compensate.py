@@ -7,7 +7,17 @@ from typing import Annotated
 
 import typer
 
-from drake_stiffness.commands.console import JsonOption, ReportOption, check_outputs, console, json_of, working, write
+from drake_stiffness.commands.console import (
+    JsonOption,
+    KindsOption,
+    ReportOption,
+    check_outputs,
+    console,
+    json_of,
+    use_kinds,
+    working,
+    write,
+)
 
 
 def compensate(
@@ -18,6 +28,7 @@ def compensate(
     allow_insert: Annotated[bool, typer.Option(help="Insert words a correction needs and a line lacks.")] = False,
     keep_refused: Annotated[bool, typer.Option(help="Leave motions that cannot be corrected as they are.")] = False,
     dialect: Annotated[str | None, typer.Option(help="krl or csv; default: told from the content")] = None,
+    kinds: KindsOption = None,
     json: JsonOption = None,
     report: ReportOption = None,
 ) -> None:
@@ -28,6 +39,7 @@ def compensate(
     from toolpaths.job import compensate as run
     from toolpaths.process import read_process
 
+    use_kinds(kinds)
     check_outputs(output, json, report, inputs=(program, model, process))
     loaded, job = load_model(model), read_process(process)
     with working() as progress:

@@ -16,6 +16,10 @@ if TYPE_CHECKING:
 
 JsonOption = Annotated[Path | None, typer.Option("--json", help="Write the result for programs.")]
 ReportOption = Annotated[Path | None, typer.Option("--report", help="Write a self-contained HTML report.")]
+KindsOption = Annotated[
+    list[Path] | None,
+    typer.Option("--kinds", help="Python file that registers kinds of effects; it is run. May be given several times."),
+]
 
 
 def console() -> Console:
@@ -36,6 +40,14 @@ def working() -> Iterator[Any]:
     with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as bar:
         task = bar.add_task("starting", total=None)
         yield lambda text: bar.update(task, description=text)
+
+
+def use_kinds(files: list[Path] | None) -> None:
+    """Make the kinds of the user's files known."""
+    from drake_stiffness.effects.catalogue import load_kinds
+
+    for path in files or ():
+        load_kinds(path)
 
 
 def say(message: str) -> None:

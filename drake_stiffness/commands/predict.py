@@ -7,7 +7,16 @@ from typing import Annotated, Any
 
 import typer
 
-from drake_stiffness.commands.console import JsonOption, check_outputs, json_of, say, working, write
+from drake_stiffness.commands.console import (
+    JsonOption,
+    KindsOption,
+    check_outputs,
+    json_of,
+    say,
+    use_kinds,
+    working,
+    write,
+)
 from drake_stiffness.errors import UntrustworthyError
 
 
@@ -15,6 +24,7 @@ def predict(
     model: Annotated[Path, typer.Argument(help="MODEL.json")],
     measurements: Annotated[Path, typer.Argument(help="postures and loads, with or without readings")],
     output: Annotated[Path, typer.Option("-o", "--output", help="table to write")],
+    kinds: KindsOption = None,
     json: JsonOption = None,
 ) -> None:
     """Predict displacements for the rows of a table; needs neither Drake nor cvxpy."""
@@ -22,6 +32,7 @@ def predict(
     from drake_stiffness.model import load_model
     from drake_stiffness.support import REFUSE_ABOVE, WARN_ABOVE
 
+    use_kinds(kinds)
     check_outputs(output, json, inputs=(model, measurements))
     loaded = load_model(model)
     with working() as progress:

@@ -8,7 +8,16 @@ from typing import Annotated
 
 import typer
 
-from drake_stiffness.commands.console import JsonOption, check_outputs, json_of, say, working, write
+from drake_stiffness.commands.console import (
+    JsonOption,
+    KindsOption,
+    check_outputs,
+    json_of,
+    say,
+    use_kinds,
+    working,
+    write,
+)
 from drake_stiffness.errors import InputError
 
 
@@ -19,11 +28,13 @@ def simulate(
     output: Annotated[Path, typer.Option("-o", "--output", help="Folder for the virtual campaign")],
     noise_mm: Annotated[float, typer.Option(min=0.0, help="Standard deviation of one coordinate")] = 0.0,
     seed: Annotated[int, typer.Option(min=0)] = 0,
+    kinds: KindsOption = None,
     json: JsonOption = None,
 ) -> None:
     """Make a virtual campaign from the loaded equilibrium (for planning; truth is elsewhere)."""
     from drake_stiffness import jobs
 
+    use_kinds(kinds)
     check_outputs(json, inputs=(cell, truth, plan))
     if output.is_dir():
         check_outputs(output / "campaign.yaml", output / "measurements.csv", inputs=(cell, truth, plan))

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from abc import abstractmethod
-from collections.abc import Mapping
-from typing import TYPE_CHECKING
+from collections.abc import Iterable, Iterator, Mapping
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from drake_stiffness.effects.effect import Effect, Parameter
 from drake_stiffness.errors import InputError
 from drake_stiffness.rotations import Array
-from drake_stiffness.springs import SpringTemplate, Template, spring_template
+from drake_stiffness.springs import SpringTemplate, Template, mask_entries, masked_template, spring_template
 
 if TYPE_CHECKING:
     from drake_stiffness.arm import Arm
@@ -52,13 +52,18 @@ class JointCompliance(Spring):
 
     kind = "joint_compliance"
 
-    def __init__(self, where: str, unit: str = "rad/(N m)", scale: float = ROTATION_SCALE) -> None:
+    def __init__(self, where: str, unit: str = "rad/(N m)", scale: float = ROTATION_SCALE, floor: float = 0.0) -> None:
         super().__init__(where)
-        self.unit, self.scale = unit, scale
+        self.unit, self.scale, self.floor = unit, scale, floor
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
-        return (Parameter("k", self.unit, self.scale, lower=0.0),)
+        # Beside a floor the solver wants a ceiling of about the same size.
+        return (Parameter("k", self.unit, self.scale, self.floor, 1e3 * self.scale if self.floor else np.inf),)
+
+    def kept_above(self, floor: float) -> JointCompliance:
+        """The same spring with a least compliance."""
+        return JointCompliance(self.where, self.unit, self.scale, floor)
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -66,14 +71,14 @@ class JointCompliance(Spring):
 
     @property
     def cone_blocks(self) -> tuple[NDArray[np.int_], ...]:
-        return (np.array([[0]]),)
+        return () if self.floor else (np.array([[0]]),)
 
     @property
     def basis(self) -> Array:
         return np.ones((1, 1, 1))
 
     def settings(self) -> dict[str, object]:
-        return {"unit": self.unit, "scale": self.scale}
+        return {"unit": self.unit, "scale": self.scale} | ({"floor": self.floor} if self.floor else {})
 
     def matrix(self, x: Array) -> Array:
         return x.reshape(1, 1)
@@ -84,21 +89,62 @@ class JointCompliance(Spring):
     def check(self, arm: Arm, points: Mapping[str, object]) -> None:
         expect(self, self.where, arm.joint_names, "joint")
 
+    @classmethod
+    def candidates(cls, arm: Arm, points: Mapping[str, object]) -> Iterator[Effect]:
+        for name, prismatic in zip(arm.joint_names, arm.prismatic, strict=True):
+            yield cls(name, "m/N", ROTATION_SCALE * arm.length_m**2) if prismatic else cls(name)
+
 
 class LinkCompliance(Spring):
-    """The 6x6 spring at the end of a link, in the parent-side frame of the next joint (seed eqs. 21-24)."""
+    """The 6x6 spring at the end of a link, in the parent-side frame of the next joint (seed eqs. 21-24).
+
+    Parameters
+    ----------
+    template : a name of `springs.TEMPLATES`, or "mask"
+    entries : iterable of str
+        For "mask": the unknowns that are left, as ["k22", "k26", "k66"]; everything else of the matrix is zero.
+    combined : bool
+        Entries stand for combinations with parameters that a reduction took away as redundant (seed 4.1, G3). They predict what
+        a physical model with the same combinations predicts, but need not be positive themselves.
+
+    Raises
+    ------
+    InputError
+        If a mask names what is no entry, or none.
+    """
 
     kind = "link_compliance"
 
     def __init__(
-        self, where: str, template: Template = "symmetric", beam_axis: str = "x", length_m: float = 1.0
+        self,
+        where: str,
+        template: Template | Literal["mask"] = "symmetric",
+        beam_axis: str = "x",
+        length_m: float = 1.0,
+        entries: Iterable[str] = (),
+        combined: bool = False,
     ) -> None:
         super().__init__(where)
-        self.template_name, self.beam_axis, self.length_m = template, beam_axis, length_m
+        self.template_name, self.beam_axis, self.length_m, self.combined = template, beam_axis, length_m, combined
+        self.entries: tuple[str, ...] = ()
+        if template == "mask":
+            try:
+                self.entries = mask_entries(entries)
+            except ValueError as error:
+                raise InputError(f"{self.kind} at '{where}': entries: {error}.") from None
+        elif tuple(entries):
+            raise InputError(f"{self.kind} at '{where}': entries belong to template mask; found template {template}.")
 
     @property
     def template(self) -> SpringTemplate:
+        if self.template_name == "mask":
+            return masked_template(self.entries)
         return spring_template(self.template_name, self.beam_axis)
+
+    def masked(self, entries: Iterable[str], *, combined: bool = False) -> LinkCompliance:
+        """The same spring with the named entries only."""
+        settings = {**self.settings(), "template": "mask", "entries": tuple(entries), "combined": combined}
+        return type(self)(self.where, **settings)  # type: ignore[arg-type]
 
     @property
     def component_scales(self) -> Array:
@@ -108,8 +154,9 @@ class LinkCompliance(Spring):
     @property
     def parameters(self) -> tuple[Parameter, ...]:
         s, t = self.component_scales, self.template
+        bounded = t.symmetric and not self.combined
         return tuple(
-            Parameter(name, unit, float(s[i] * s[j]), lower=0.0 if i == j and t.symmetric else -np.inf)
+            Parameter(name, unit, float(s[i] * s[j]), lower=0.0 if i == j and bounded else -np.inf)
             for name, unit, (i, j) in zip(t.names, t.units, t.entries, strict=True)
         )
 
@@ -129,7 +176,8 @@ class LinkCompliance(Spring):
         return self.template.basis
 
     def settings(self) -> dict[str, object]:
-        return {"template": self.template_name, "beam_axis": self.beam_axis, "length_m": self.length_m}
+        own = {"template": self.template_name, "beam_axis": self.beam_axis, "length_m": self.length_m}
+        return own | ({"entries": list(self.entries), "combined": self.combined} if self.entries else {})
 
     def matrix(self, x: Array) -> Array:
         return self.template.matrix(x)
@@ -144,6 +192,11 @@ class LinkCompliance(Spring):
             )
         expect(self, self.where, arm.link_names[1:], "link")
 
+    @classmethod
+    def candidates(cls, arm: Arm, points: Mapping[str, object]) -> Iterator[Effect]:
+        for name in arm.link_names[1:]:
+            yield cls(name, "beam", default_beam_axis(arm, name) or "x", arm.length_m)
+
 
 class BaseCompliance(LinkCompliance):
     """The base link's spring, in the parent-side frame of the first joint; its place is called "base"."""
@@ -153,12 +206,14 @@ class BaseCompliance(LinkCompliance):
     def __init__(
         self,
         where: str = "base",
-        template: Template = "symmetric",
+        template: Template | Literal["mask"] = "symmetric",
         beam_axis: str = "x",
         length_m: float = 1.0,
         link: str = "base",
+        entries: Iterable[str] = (),
+        combined: bool = False,
     ) -> None:
-        super().__init__(where, template, beam_axis, length_m)
+        super().__init__(where, template, beam_axis, length_m, entries, combined)
         self.link = link
 
     def link_name(self) -> str:
@@ -172,6 +227,18 @@ class BaseCompliance(LinkCompliance):
 
     def check(self, arm: Arm, points: Mapping[str, object]) -> None:
         expect(self, self.where, ("base",), "place")
+
+    @classmethod
+    def candidates(cls, arm: Arm, points: Mapping[str, object]) -> Iterator[Effect]:
+        link = arm.link_names[0]
+        yield cls("base", "beam", default_beam_axis(arm, link) or "z", arm.length_m, link)
+
+
+def default_beam_axis(arm: Arm, link: str) -> str | None:
+    """The spring-frame axis nearest to the vector from the link's own joint to its spring; None for zero length."""
+    k = arm.link_names.index(link)
+    along = np.abs(arm.R_PF[k].T @ arm.p_PF[k])
+    return "xyz"[int(along.argmax())] if along.max() > 1e-9 else None
 
 
 def expect(effect: Effect, found: str, known: tuple[str, ...], what: str) -> None:

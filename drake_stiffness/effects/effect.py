@@ -4,8 +4,9 @@ The way has four stations, and an effect overrides the hook of the station where
 
 1. `on_arm` - the arm itself: geometric errors, a payload;
 2. `on_wrench` - the applied wrench: errors of the force sensor;
-3. `compliance` (linear springs) or `deflection` (anything else: nonlinear, posture-dependent, history-dependent) - what
-   the carried torques do to the joints and links, inside the loaded equilibrium;
+3. `compliance` (linear springs), `torque` (hardware that turns a joint by a torque of its own, a function of posture and
+   deflection) or `deflection` (anything else: nonlinear, history-dependent) - what the carried torques do to the joints
+   and links, inside the loaded equilibrium;
 4. `on_reading` - what the tracker makes of it: its frame, the reflectors, drift.
 
 Nothing else in the program knows an effect's physics. Identification needs derivatives: linear springs have analytic ones
@@ -15,7 +16,7 @@ Nothing else in the program knows an effect's physics. Identification needs deri
 from __future__ import annotations
 
 from abc import ABC
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, ClassVar, Literal
 
@@ -28,6 +29,9 @@ if TYPE_CHECKING:
     from drake_stiffness.arm import Arm
 
 Station = Literal["arm", "wrench", "spring", "reading"]
+# What a campaign must have to show an effect: any load; three levels of it; loading and unloading; times; absolute positions;
+# many different angles; compliances that are not fitted along.
+Need = Literal["load", "levels", "unloading", "time", "positions", "angles", "known_springs"]
 
 
 @dataclass(frozen=True)
@@ -150,6 +154,8 @@ class Effect(ABC):
 
     kind: ClassVar[str]
     station: ClassVar[Station]
+    needs: ClassVar[tuple[Need, ...]] = ()
+    refines: ClassVar[str | None] = None  # a kind without which, at the same place, this one makes no sense
 
     def __init__(self, where: str) -> None:
         self.where = where
@@ -172,6 +178,15 @@ class Effect(ABC):
             return (stem,)
         return tuple(f"{stem}.{parameter.name}" for parameter in self.parameters)
 
+    @classmethod
+    def candidates(cls, arm: Arm, points: Mapping[str, object]) -> Iterator[Effect]:
+        """Every place this kind can be at, and every constant worth trying there: what diagnosis tries. None by default."""
+        yield from ()
+
+    def neighbours(self, step: float) -> Iterator[Effect]:
+        """The same effect with its nonlinear constants a little changed, by about `step` of themselves. None by default."""
+        yield from ()
+
     def settings(self) -> dict[str, object]:
         """What besides `kind` and `where` is needed to make this effect again (goes into `model.json`)."""
         return {}
@@ -193,6 +208,14 @@ class Effect(ABC):
 
     def compliance(self, arm: Arm, x: Array, joint: Array, link: dict[int, Array]) -> None:
         """Add this spring to the compliances `joint (n,)` and `link[k] (6, 6)` (own arrays of the caller)."""
+
+    def torque(self, arm: Arm, q: Array, theta: Array, x: Array) -> dict[int, Array]:
+        """Further torque (force) `(N,)` on joints, by number, that they carry beside weight and wrench.
+
+        A function of the commanded joints `q (n, N)` and their deflections `theta (n, N)` alone, smooth, and for each joint
+        of its own deflection only. How it changes with the deflection enters stability and the springs' columns.
+        """
+        return {}
 
     def deflection(self, arm: Arm, carried: Carried, cases: Cases, x: Array) -> dict[int, Array]:
         """Further deflection `(N,)` of joints, by number, beyond the linear springs."""

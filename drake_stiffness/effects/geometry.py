@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -25,6 +25,7 @@ class JointZeroOffset(Effect):
 
     kind = "joint_zero_offset"
     station = "arm"
+    needs = ("positions",)
 
     def __init__(self, where: str, prismatic: bool = False) -> None:
         super().__init__(where)
@@ -39,6 +40,11 @@ class JointZeroOffset(Effect):
 
     def check(self, arm: Arm, points: Mapping[str, object]) -> None:
         expect(self, self.where, arm.joint_names, "joint")
+
+    @classmethod
+    def candidates(cls, arm: Arm, points: Mapping[str, object]) -> Iterator[Effect]:
+        for name, prismatic in zip(arm.joint_names, arm.prismatic, strict=True):
+            yield cls(name, bool(prismatic))
 
     def on_arm(self, arm: Arm, x: Array) -> Arm:
         i = arm.joint_names.index(self.where)
@@ -55,6 +61,7 @@ class LinkGeometry(Effect):
 
     kind = "link_geometry"
     station = "arm"
+    needs = ("positions",)
 
     def __init__(self, where: str, components: tuple[str, ...] | list[str] = COMPONENTS) -> None:
         super().__init__(where)
@@ -69,6 +76,11 @@ class LinkGeometry(Effect):
 
     def check(self, arm: Arm, points: Mapping[str, object]) -> None:
         expect(self, self.where, arm.joint_names, "joint")
+
+    @classmethod
+    def candidates(cls, arm: Arm, points: Mapping[str, object]) -> Iterator[Effect]:
+        for i, name in enumerate(arm.joint_names):
+            yield cls(name, geometry_components(arm, i))
 
     def on_arm(self, arm: Arm, x: Array) -> Arm:
         error = np.zeros(6)
@@ -111,6 +123,7 @@ class Payload(Effect):
 
     kind = "payload"
     station = "arm"
+    needs = ("positions",)
 
     def __init__(self, where: str = "tool") -> None:
         super().__init__(where)
@@ -122,6 +135,10 @@ class Payload(Effect):
 
     def check(self, arm: Arm, points: Mapping[str, object]) -> None:
         expect(self, self.where, ("tool",), "place")
+
+    @classmethod
+    def candidates(cls, arm: Arm, points: Mapping[str, object]) -> Iterator[Effect]:
+        yield cls()
 
     def on_arm(self, arm: Arm, x: Array) -> Arm:
         # mass * centre is what weight feels; where the total mass vanishes the moment alone has no place to act.

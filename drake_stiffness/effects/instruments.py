@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -33,6 +33,10 @@ class TrackerFrame(Effect):
     def check(self, arm: Arm, points: Mapping[str, object]) -> None:
         expect(self, self.where, ("tracker",), "instrument")
 
+    @classmethod
+    def candidates(cls, arm: Arm, points: Mapping[str, object]) -> Iterator[Effect]:
+        yield cls()
+
     def on_reading(self, reading: Reading, cases: Cases, x: Array) -> Reading:
         R_WT = exponential(x[3:, None])
         p = rotate_back(R_WT, reading.p - x[:3, None])
@@ -45,6 +49,7 @@ class ReflectorOffset(Effect):
 
     kind = "reflector_offset"
     station = "reading"
+    needs = ("positions",)
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
@@ -52,6 +57,11 @@ class ReflectorOffset(Effect):
 
     def check(self, arm: Arm, points: Mapping[str, object]) -> None:
         expect(self, self.where, tuple(points), "reference point")
+
+    @classmethod
+    def candidates(cls, arm: Arm, points: Mapping[str, object]) -> Iterator[Effect]:
+        for point in points:
+            yield cls(point)
 
     def on_reading(self, reading: Reading, cases: Cases, x: Array) -> Reading:
         mine = reading.point == self.where

@@ -50,12 +50,13 @@ def arm_figure(arm: Arm, sprung: Sequence[bool], tcp: Floats) -> tuple[str, list
     for place, (q, title) in enumerate(zip(postures, ("all joints at zero", "bent"), strict=True)):
         ax = made.add_axes((0.48 * place, -0.04, 0.52, 1.04), projection="3d", facecolor="none")
         assert isinstance(ax, Axes3D)
-        _draw(ax, arm, forward(arm, q[:, None]), sprung, tcp)
+        draw_arm(ax, arm, forward(arm, q[:, None]), sprung, tcp)
         made.text(0.04 + 0.5 * place, 0.95, title, fontsize=12, fontweight="bold")
     return f.uri(made), postures
 
 
-def _draw(ax: Axes3D, arm: Arm, poses: Poses, sprung: Sequence[bool], tcp: Floats) -> None:
+def draw_arm(ax: Axes3D, arm: Arm, poses: Poses, sprung: Sequence[bool], tcp: Floats) -> None:
+    """One posture as sticks, with the frames of links that carry a spring and short names."""
     frames = [p[:, 0] for p in poses.p_F]
     tool = poses.points(tcp)[0][:, 0]
     chain = np.stack([np.zeros(3), *frames])

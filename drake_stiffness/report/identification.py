@@ -11,26 +11,13 @@ from drake_stiffness.report import identification_plots as plots
 from drake_stiffness.report import page as h
 from drake_stiffness.report import springs_tables as springs
 from drake_stiffness.report.evidence import Evidence, evidence, shares
+from drake_stiffness.report.groups import base_table
+from drake_stiffness.report.notes import provenance, warnings
 from drake_stiffness.report.residuals import residual_parts
 
 if TYPE_CHECKING:
     from drake_stiffness.jobs import Identified
     from drake_stiffness.model import Model
-
-# First word of a warning (see `statistics.warnings_of`) -> what it means to somebody who did not write it.
-_MEANING = {
-    "NOT SEEN": "Its value in the model is a convention. Loads, postures or points that move it would reveal it.",
-    "NOT REVEALED": "The joint may be stiff, or the loads hardly turn it; the campaign cannot say which.",
-    "MERGED": "Whatever the fit, these loads and points show sums only. Do not quote a merged value as the stiffness of that part; "
-    "predictions for similar loads and points do not suffer.",
-    "BOUNDED": "The best fit without the constraint would be slightly non-physical there (a compliance below zero in some direction, "
-    "usually because the part is stiffer than the noise resolves); the value was held at the edge of what a passive spring can do.",
-    "NOISE REJECTED": "Either a physical effect is missing in the model or the readings are noisier than stated. All intervals below "
-    "were widened accordingly.",
-    "NOISE TOO LARGE": "State a smaller noise in campaign.yaml if that is what the tracker really has.",
-    "NOT PHYSICAL": "A passive structure cannot have it. Method sdp excludes it.",
-    "NO CHECK": "With as many unknowns as readings every model fits; nothing here is confirmed.",
-}
 
 
 def identification_report(result: Identified) -> str:
@@ -105,22 +92,6 @@ def _listed(names: list[str]) -> str:
     return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"
 
 
-def warnings(result: Identified) -> h.Markup:
-    """Call-outs, those of one kind together."""
-    kinds: dict[str, list[str]] = {}
-    for line in result.warnings:
-        head, colon, text = line.partition(": ")
-        kinds.setdefault(head if colon and head.isupper() else "", []).append(
-            text if colon and head.isupper() else line
-        )
-    found = []
-    for head, texts in kinds.items():
-        texts = [text[:1].upper() + text[1:] for text in texts]
-        said: object = texts[0] if len(texts) == 1 else h.bullets(texts)
-        found.append(h.callout(f"{head}." if head else "", said, _MEANING.get(head, "")))
-    return h.join(*found)
-
-
 def body(result: Identified, e: Evidence, level: int) -> h.Markup:
     """Everything between the verdict and the provenance, with headings from `level` on."""
     s = shares(result.model, result.measurements, result.campaign.quantity == "displacement")
@@ -129,6 +100,7 @@ def body(result: Identified, e: Evidence, level: int) -> h.Markup:
         h.section("Does the model explain the readings?", *residual_parts(result, e), level=level),
         h.section("What the loads reveal, joint by joint", *_joint_parts(result), level=level),
         _share_section(result, s, level),
+        _base_section(result, level),
         h.section("Springs", *_spring_parts(result), level=level),
         _other_section(result, level),
         h.section("How the numbers were got", *_method_parts(result), level=level),
@@ -187,6 +159,16 @@ def _share_section(result: Identified, s: Any, level: int) -> h.Markup:
     )
     picture = h.figure(plots.share_figure(s), caption, "Share of every spring in the displacement", width=80)
     return h.section("Which springs make the displacement", picture, level=level)
+
+
+def _base_section(result: Identified, level: int) -> h.Markup:
+    if not result.groups.relations():
+        return h.Markup("")
+    text = (
+        "Where parameters merge, what is known is their sum. Each row is one sum, named after its first member; the command groups "
+        "has the whole sums, the gap behind the rank, and the directions."
+    )
+    return h.section("What is determined", h.paragraph(text), base_table(result.groups, relations=True), level=level)
 
 
 def _spring_parts(result: Identified) -> list[h.Markup]:
@@ -270,18 +252,3 @@ def conventions() -> h.Markup:
     from drake_stiffness.inspection import CONVENTIONS
 
     return h.bullets(line[0].upper() + line[1:] + "." for line in CONVENTIONS)
-
-
-def provenance(found: dict[str, Any], fit: dict[str, Any], level: int) -> h.Markup:
-    """Versions, input files with their SHA-256, seed, time."""
-    rows: list[tuple[object, object, object]] = [
-        (
-            what,
-            entry.get("file", ""),
-            h.join(h.Markup('<span class="mono">'), entry.get("sha256", ""), h.Markup("</span>")),
-        )
-        for what, entry in found.get("inputs", {}).items()
-    ]
-    seed = found.get("seed")
-    text = f"{found.get('program', 'unknown program')}; seed of the hold-out {seed if seed is not None else 'none'}; {found.get('time', '')}"
-    return h.section("Provenance", h.paragraph(text), h.table(("input", "file", "SHA-256"), rows), level=level)

@@ -171,6 +171,7 @@ def _ranks(result: Inspection) -> h.Markup:
             kinds.get(e["load"], e["load"]),
             e["parameters"],
             e["rank"],
+            h.UNKNOWN if e["algebraic_rank"] is None else e["algebraic_rank"],
             e["parameters"] - e["rank"],
             "full rank" if e["singular_gap"] is None else h.number(e["singular_gap"], 2),
         )
@@ -179,10 +180,17 @@ def _ranks(result: Inspection) -> h.Markup:
     caption = (
         "What measurements can show: rank of the observation matrix over 200 random postures inside the limits, at this cell's load "
         "point and reference points. Unknowns beyond the rank are determined in combination only, however much is measured. The gap is "
-        "the drop between the smallest singular value that counts and the largest that does not: 1e6 and more is unmistakable."
+        "the drop between the smallest singular value that counts and the largest that does not: 1e6 and more is unmistakable. The rank by "
+        "algebra uses no posture: unknowns of the links less the matrices that turning (or sliding) a joint leaves unchanged, which its two "
+        "links share; it supposes three reference points that are not on one line."
     )
-    header = ("template", "load", "unknowns", "rank", "never separable", "singular-value gap")
-    return h.table(header, rows, caption=caption, align="llrrrr")
+    header = ("template", "load", "unknowns", "rank", "rank by algebra", "never separable", "singular-value gap")
+    special = [
+        f"{e['template']}, {kinds.get(e['load'], e['load'])}: less than other points would show. {e['special_points']}"
+        for e in result.identifiable
+        if e["special_points"]
+    ]
+    return h.join(h.table(header, rows, caption=caption, align="llrrrrr"), h.bullets(special) if special else "")
 
 
 def _load(cell: Any) -> h.Markup:

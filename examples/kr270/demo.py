@@ -1,4 +1,4 @@
-"""The main job, end to end, on a KUKA KR 270: `make demo`.
+"""The main job, end to end, on a KUKA KR 270, and a diagnosis of another arm: `make demo`.
 
 A campaign (simulated on a plant that does not share our code) goes in; a model, a corrected milling program and a report come
 out; the corrected program is then milled on the true plant, beside no correction, a joints-only model, and an oracle.
@@ -107,7 +107,10 @@ def main() -> None:
         json_text({"rows": [vars(r) for r in rows], "robustness": [vars(r) for r in robustness]}),
     )
     console.print(f"Corrected program: {folder / 'full.src'}\nModel: {folder / 'model.json'}")
-    console.print(f"Report: {(folder / 'report.html').resolve()}")
+    console.print(f"Report: {(folder / 'report.html').resolve()}\n")
+    from kr270_hidden.act_two import act_two  # `trial` has put the examples on the path
+
+    act_two(console, folder)
 
 
 if __name__ == "__main__":

@@ -19,7 +19,8 @@ from pydrake.multibody.tree import (
 
 from .beams import Array
 from .chain import for_drake
-from .segmented_arm import Deformation, SegmentedArm
+from .deformation import Deformation
+from .segmented_arm import SegmentedArm
 
 
 def build(arm: SegmentedArm) -> MultibodyPlant:

@@ -105,3 +105,14 @@ def from_frames(R: Array, p: Array, near: Array) -> Array:
     distance = [np.abs(angles - near[:, 3:]).sum(axis=1) for angles in nearest]
     chosen = np.where((distance[0] <= distance[1])[:, None], nearest[0], nearest[1])
     return np.concatenate([p * 1e3, chosen], axis=1)
+
+
+def read_axes(text: str) -> list[dict[str, float]]:
+    """The joint targets of a program in the order they stand: A1 .. A6 in deg, E1 .. E6 in deg or mm, as printed."""
+    found = []
+    for motion in _MOTION.finditer(text):
+        for braces in _BRACES.finditer(text, motion.start(2), motion.end(2)):
+            words = {word[1].upper(): float(word[3]) for word in _WORD.finditer(braces[1])}
+            if any(name in words for name in ("A1", "A2", "A3", "A4", "A5", "A6")):
+                found.append(words)
+    return found

@@ -17,39 +17,16 @@ import numpy as np
 from . import rotations
 from .beams import PARTS, Array
 from .chain import RigidChain, read_chain
+from .compensator import PinSpring
+from .course import Course
+from .deformation import Deformation, Shape, sum_beyond, turn_xyz
+from .physics import JointPhysics, LinkPhysics, Pull
 from .segments import Segments, cut
 from .truth import Tool, Truth, load_truth
 
 
 class EquilibriumError(ArithmeticError):
     """No static equilibrium was found: the load buckles the arm or the springs are far too soft."""
-
-
-@dataclass(frozen=True)
-class Shape:
-    """A deformed arm at N postures: everything that statics asks of the geometry. World axes, m.
-
-    Flange pose `R`, `p`; per element (L, S) the node's displaced position `node_p`, the axes of its displacements
-    `node_R` and of its rotations `node_A` as columns, its centre of mass `mass_p`; per joint (n) origin `joint_p` and
-    axis `joint_a`.
-    """
-
-    R: Array
-    p: Array
-    node_p: Array
-    node_R: Array
-    node_A: Array
-    mass_p: Array
-    joint_p: Array
-    joint_a: Array
-
-
-@dataclass(frozen=True)
-class Deformation:
-    """Deflections at N postures: elements (L, S, N, 6) as (dx, dy, dz, rx, ry, rz), joints (n, N). m and rad."""
-
-    elements: Array
-    joints: Array
 
 
 @dataclass(frozen=True)
@@ -66,6 +43,14 @@ class SegmentedArm:
         (L, 4) stiffness factors per link on bending_y, bending_z, torsion, axial (`beams.PARTS`).
     tool, gravity
         What the flange carries, and g in world axes, m/s^2.
+    compensator
+        A spring that pulls on the links on both sides of a joint.
+    stiffening
+        A spring that does not pull but makes its joint stiffer by the second derivative of its energy (Table 1 read so).
+    joint_physics, link_physics
+        What joints and beams do beyond their linear springs, on what they carry.
+    pulls
+        Further forces on the links.
     """
 
     chain: RigidChain
@@ -74,6 +59,11 @@ class SegmentedArm:
     link_factors: Array
     tool: Tool
     gravity: Array
+    compensator: PinSpring | None = None
+    stiffening: PinSpring | None = None
+    joint_physics: tuple[JointPhysics, ...] = ()
+    link_physics: tuple[LinkPhysics, ...] = ()
+    pulls: tuple[Pull, ...] = ()
 
     @classmethod
     def from_files(
@@ -107,6 +97,14 @@ class SegmentedArm:
         """Compliance of the elements, sum over parts of part / factor: (L, S, 6, 6), SI."""
         weighted: Array = np.einsum("lp,lspij->lsij", 1.0 / self.link_factors, self.segments.parts)
         return weighted
+
+    def joint_compliance_at(self, q: Array) -> Array:
+        """Compliance of the joints at commanded q (N, n): (n, N), rad/(N m) or m/N."""
+        out = np.repeat(self.joint_compliance[:, None], len(q), axis=1)
+        if self.stiffening is not None:
+            i = self.stiffening.joint
+            out[i] = 1.0 / (1.0 / out[i] + self.stiffening.stiffness_about_joint(self.chain, q[:, i]))
+        return out
 
     def flange_pose(
         self, q: Array, wrench: Array | None = None, load_point_m: Array | None = None
@@ -170,6 +168,8 @@ class SegmentedArm:
         load_point: Array | None = None,
         *,
         weight: bool = True,
+        course: Course | None = None,
+        start: Deformation | None = None,
         tolerance: float = 1e-13,
         max_iterations: int = 200,
     ) -> tuple[Shape, Deformation]:
@@ -177,7 +177,9 @@ class SegmentedArm:
 
         tau are the generalized forces of the dead wrench and of the weights at the deformed shape. The map contracts
         with the ratio of load stiffness to spring stiffness, about 1e-2 for an industrial arm, so six or seven passes
-        reach `tolerance` (largest change of a deflection in a pass, m or rad).
+        reach `tolerance` (largest change of a deflection in a pass, m or rad). Physics with a memory needs the `course` of
+        the N postures; without it each is the first step of an experiment of its own. `start` is a
+        deformation nearby that saves passes.
 
         Raises
         ------
@@ -188,14 +190,17 @@ class SegmentedArm:
         wrench = np.zeros((len(q), 6)) if wrench_N_Nm is None else np.asarray(wrench_N_Nm, dtype=float)
         lever = np.zeros(3) if load_point is None else np.asarray(load_point, dtype=float)
         gravity = self.gravity if weight else np.zeros(3)
-        compliance = self.element_compliance()
+        compliance, joint_compliance = self.element_compliance(), self.joint_compliance_at(q)
         links, segments = compliance.shape[:2]
-        theta = Deformation(np.zeros((links, segments, len(q), 6)), np.zeros((self.chain.size, len(q))))
+        when = Course.unknown(len(q)) if course is None else course
+        theta = start or Deformation(np.zeros((links, segments, len(q), 6)), np.zeros((self.chain.size, len(q))))
         for _ in range(max_iterations):
             shape = self.shape(q, theta)
             loads = self.generalized_forces(shape, wrench, lever, gravity)
             new = Deformation(
-                np.einsum("lsij,lsnj->lsni", compliance, loads.elements), self.joint_compliance[:, None] * loads.joints
+                np.einsum("lsij,lsnj->lsni", compliance, loads.elements)
+                + sum(p.bend(loads.elements, q, when) for p in self.link_physics),
+                joint_compliance * loads.joints + sum(p.turn(loads.joints, q, when) for p in self.joint_physics),
             )
             change = np.maximum(
                 np.abs(new.elements - theta.elements).max(axis=(0, 1, 3)), np.abs(new.joints - theta.joints).max(axis=0)
@@ -225,7 +230,7 @@ class SegmentedArm:
                 u = theta.elements[k, s]
                 along = u[:, :3] + np.array([seg.step[k], 0.0, 0.0])
                 position = position + np.einsum("nij,nj->ni", rotation, along)
-                turn, axes = _turn_xyz(u[:, 3:])
+                turn, axes = turn_xyz(u[:, 3:])
                 node_A[k, s] = rotation @ axes
                 node_p[k, s] = position
                 rotation = rotation @ turn
@@ -251,8 +256,14 @@ class SegmentedArm:
         # An element's own weight hangs before the spring at its end: only the elements beyond count.
         weight = self.segments.masses.reshape(-1)[:, None] * gravity
         moment = np.cross(shape.mass_p.reshape(-1, count, 3), weight[:, None])
-        force_beyond = _sum_beyond(weight).reshape(links, pieces, 1, 3) + force_end
-        moment_beyond = _sum_beyond(moment).reshape(links, pieces, count, 3) + moment_end
+        force = np.repeat(weight[:, None], count, axis=1)
+        compensator = () if self.compensator is None else (self.compensator,)
+        for source in (*compensator, *self.pulls):
+            for element, pin, pull in source.pull(shape, self.segments, self.chain):
+                force[element] += pull
+                moment[element] += np.cross(pin, pull)
+        force_beyond = sum_beyond(force).reshape(links, pieces, count, 3) + force_end
+        moment_beyond = sum_beyond(moment).reshape(links, pieces, count, 3) + moment_end
         about_node = moment_beyond - np.cross(shape.node_p, force_beyond)
         elements = np.concatenate(
             [
@@ -265,27 +276,6 @@ class SegmentedArm:
         slides = np.array(self.chain.prismatic)[:, None, None]
         carried = np.where(slides, force_beyond[:-1, -1], about_joint)
         return Deformation(elements, np.einsum("kni,kni->kn", shape.joint_a, carried))
-
-
-def _sum_beyond(values: Array) -> Array:
-    """Exclusive sums over all later entries of the first axis."""
-    total = np.cumsum(values[::-1], axis=0)[::-1]
-    return total - values
-
-
-def _turn_xyz(angles: Array) -> tuple[Array, Array]:
-    """Rx(a) Ry(b) Rz(c) for angles (N, 3), and as columns the axes of a, b, c in the frame before the turn."""
-    ca, cb, cc = np.cos(angles).T
-    sa, sb, sc = np.sin(angles).T
-    turn = np.empty((len(angles), 3, 3))
-    turn[:, 0] = np.stack([cb * cc, -cb * sc, sb], -1)
-    turn[:, 1] = np.stack([ca * sc + sa * sb * cc, ca * cc - sa * sb * sc, -sa * cb], -1)
-    turn[:, 2] = np.stack([sa * sc - ca * sb * cc, sa * cc + ca * sb * sc, ca * cb], -1)
-    axes = np.zeros((len(angles), 3, 3))
-    axes[:, 0, 0] = 1.0
-    axes[:, 1, 1], axes[:, 2, 1] = ca, sa
-    axes[:, :, 2] = turn[:, :, 2]
-    return turn, axes
 
 
 def _in_order(values: Mapping[str, float], names: tuple[str, ...]) -> Array:

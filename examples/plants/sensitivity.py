@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from .beams import Array
-from .segmented_arm import Deformation, SegmentedArm, Shape
+from .deformation import Deformation, Shape
+from .segmented_arm import SegmentedArm
 
 
 def compliance_columns(arm: SegmentedArm, shape: Shape, loads: Deformation, points: Array) -> Array:

@@ -1,5 +1,6 @@
 """Each built-in effect against a small computation that does not know it."""
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -157,11 +158,15 @@ def test_the_place_of_an_effect_must_exist(arms, cells):
     wrong = {
         "joint_compliance": "joint_9", "joint_zero_offset": "tool", "link_geometry": "link_1", "link_compliance": "joint_1",
         "base_compliance": "base_link", "payload": "flange", "tracker_frame": "world", "reflector_offset": "P9",
+        "gravity_compensator": "link_2", "joint_backlash": "tool", "joint_hysteresis": "joint_7", "joint_hardening": "base",
+        "joint_mesh_stiffness": "link_3", "joint_periodic_error": "axis_1", "joint_coupling": "joint_4+joint_6",
+        "force_sensor_bias": "tool", "force_sensor_misalignment": "sensor", "scale": "force", "tracker_drift": "world",
     }  # fmt: skip
     assert set(wrong) == set(effect_kinds())
+    geometry = {"gravity_compensator": {"anchor_m": [0.7, 0.1], "lever_m": 0.2}}
     for kind, where in wrong.items():
-        with pytest.raises(InputError, match=f"{kind} at '{where}'"):
-            make_model(cell, arm, [make_effect(kind, where)])
+        with pytest.raises(InputError, match=re.escape(f"{kind} at '{where}'")):
+            make_model(cell, arm, [make_effect(kind, where, geometry.get(kind))])
     with pytest.raises(InputError, match="base_compliance"):
         make_model(cell, arm, [LinkCompliance("base_link")])
 

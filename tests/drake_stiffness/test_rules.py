@@ -35,7 +35,10 @@ def imports(path):
 
 @pytest.mark.parametrize("path", FILES, ids=lambda p: str(p.relative_to(ROOT)))
 def test_every_conic_program_names_its_solver(path):
-    """Drake's wheel brings a MOSEK without licence, and cvxpy would pick it."""
+    """Drake's wheel brings a MOSEK without licence, and cvxpy would pick it. Files without cvxpy cannot mean it: `cone_program` is
+    Clarabel itself, and others call its `solve`."""
+    if "cvxpy" not in {name.split(".")[0] for name in imports(path)}:
+        return
     for node in ast.walk(ast.parse(path.read_text())):
         if isinstance(node, ast.Call) and isinstance(node.func, ast.Attribute) and node.func.attr == "solve":
             if isinstance(node.func.value, ast.Attribute) and node.func.value.attr == "linalg":

@@ -17,7 +17,7 @@ from drake_stiffness.equilibrium import solve_equilibrium
 from drake_stiffness.errors import UntrustworthyError
 from drake_stiffness.model import Model
 from drake_stiffness.simulation import linear_displacement
-from toolpaths import compensation, job
+from toolpaths import compensation, job, loaded_path
 from toolpaths.compensation import Bench, bench_of, mirror
 from toolpaths.formats.krl import Krl
 from toolpaths.orientation import rotation_from_abc
@@ -308,7 +308,7 @@ def test_a_corrected_program_is_met_by_the_loaded_tool(pocket, model, tools):
     base = np.array(process.workpiece.position_m)
     rows = result.rows
     start = np.radians(process.posture_deg)
-    q = job._postures(
+    q = loaded_path.postures_on(
         again,
         model,
         bench,
@@ -392,7 +392,9 @@ def test_a_path_that_does_not_contract_is_refused_by_line(pocket, model, tools, 
             R, p = self.commanded(q)
             return R, p + 1e-3 + 1.6 * (p - (pocket.position_mm[rows[: p.shape[1]]] * 1e-3 + base).T), None
 
-    monkeypatch.setattr(job, "bench_of", lambda *_: Soft(first.arm, first.loaded, first.R_ET, first.p_ET, "unloaded"))
+    monkeypatch.setattr(
+        loaded_path, "bench_of", lambda *_: Soft(first.arm, first.loaded, first.R_ET, first.p_ET, "unloaded")
+    )
     with pytest.raises(UntrustworthyError, match=r"does not come to rest.*line 2, 3, 4"):
         run(pocket, model, tools.process())
 
@@ -402,7 +404,7 @@ def test_a_correction_that_leaves_the_limits_is_refused(model, tools):
     program = tools.program("LIN {X 100.0,Y 100.0,Z 0.0,A 0.0,B 0.0,C 180.0}")
     free = run(program, model, tools.process())
     bench = bench_of(model, "unloaded", False)
-    q0 = job._postures(
+    q0 = loaded_path.postures_on(
         program, model, bench, free.rows, rotation_from_abc(program.abc_deg), np.array([[1.75, 0.0, 0.75]]),
         np.radians([0, -70, 120, 0, -50, 0.0]), {},
     ).q[:, 0]  # fmt: skip

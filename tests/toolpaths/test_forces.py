@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from drake_stiffness.errors import InputError
-from toolpaths import job
+from toolpaths import job, loaded_path
 from toolpaths.compensation import bench_of
 from toolpaths.forces import wrenches
 from toolpaths.orientation import rotation_from_abc
@@ -19,7 +19,7 @@ SIX = np.array(list(ALL_SIX.values()))
 def loads(program, process, model) -> np.ndarray:
     """(6, N) for all corrected rows, with targets as the job computes them."""
     bench = bench_of(model, "unloaded", False)
-    R, p = job._targets(program, process, bench, np.radians([0, -70, 120, 0, -50, 0.0]))
+    R, p = loaded_path.targets(program, process, bench, np.radians([0, -70, 120, 0, -50, 0.0]))
     rows = np.flatnonzero(program.corrected)
     return wrenches(process, program, rows, p, R[rows])
 

@@ -1,0 +1,1 @@
+"""Which postures and loads to measure."""

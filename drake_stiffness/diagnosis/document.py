@@ -1,0 +1,126 @@
+"""`diagnosis.json`: the result for programs (FORMATS: diagnosis.json)."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from drake_stiffness.diagnosis.diagnosis import Diagnosis, gap_mm
+from drake_stiffness.diagnosis.detection import Limit, detection_limits
+from drake_stiffness.diagnosis.evidence import Tested
+from drake_stiffness.diagnosis.search import Named
+from drake_stiffness.diagnosis.suspects import suspects
+
+FORMAT = "drake-stiffness-diagnosis/1"
+
+
+def diagnosis_document(d: Diagnosis, sigma: dict[str, float], plan: dict[str, Any] | None) -> dict[str, Any]:
+    """The content of `diagnosis.json`.
+
+    Parameters
+    ----------
+    sigma : dict
+        Standard deviation of every parameter of the final model, by name.
+    plan : dict, optional
+        The next experiment.
+    """
+    o = d.observations
+    return {
+        "format": FORMAT,
+        "verdict": d.verdict,
+        "effects": [_entry(d, n, sigma) for n in d.search.named] + [_outlier(x) for x in d.outliers],
+        "gap": {
+            "noise_rms_mm": float(np.sqrt(3)) * o.sigma_p * 1e3,
+            "noise_shown_rms_mm": float(np.sqrt(3)) * d.noise.sigma_m * 1e3,
+            "noise_implausible": d.noise.implausible,
+            "before_rms_mm": gap_mm(d.search.base.residual, o),
+            "after_rms_mm": gap_mm(d.search.solution.residual, o),
+            "held_out_before_rms_mm": d.before.rms_mm,
+            "held_out_after_rms_mm": d.after.rms_mm,
+            "held_out_chi2_per_dof_before": d.before.per_dof,
+            "held_out_chi2_per_dof_after": d.after.per_dof,
+            "held_out_p_value_before": d.before.p_value,
+            "held_out_p_value_after": d.after.p_value,
+            "held_out_explainable_before": d.explainable[0],
+            "held_out_explainable_after": d.explainable[1],
+        },
+        "where": {part: [vars(place) for place in places] for part, places in d.where.items()},
+        "where_in_words": {"before": d.words[0], "after": d.words[1]},
+        "rejected": _rejected(d),
+        "untestable": [vars(u) for u in d.untestable],
+        "not_detectable_above": [vars(limit) for limit in _limits(d)],
+        "next_experiment": plan,
+    }
+
+
+def _entry(d: Diagnosis, n: Named, sigma: dict[str, float]) -> dict[str, Any]:
+    model = d.search.solution.model
+    place = next(i for i, e in enumerate(model.effects) if e is n.effect)
+    values = model.values[place]
+    name = n.tested.suspect.name
+    share, placebos = d.placebos.get(name, (float("nan"), 0))
+    return {
+        "kind": n.effect.kind,
+        "where": n.effect.where,
+        "settings": n.effect.settings(),
+        "parameters": {
+            p.name: {"value": float(v), "unit": p.unit, "sigma": sigma.get(full)}
+            for p, v, full in zip(n.effect.parameters, values, n.effect.names, strict=True)
+        },
+        "evidence": {
+            "sigma": float(np.sqrt(max(n.tested.explained, 0.0))),
+            "explained_chi2": n.tested.explained,
+            "p_value": n.tested.p_value,
+            "level": n.level,
+            "cross_validated_gain": n.tested.gain,
+            "placebos_as_good": share,
+            "placebos": placebos,
+        },
+        "confounded_with": [{"kind": t.suspect.kind, "where": t.suspect.where} for t in n.confounded],
+    }
+
+
+def _limits(d: Diagnosis) -> list[Limit]:
+    """How large what was tried and not named could be."""
+    model = d.search.solution.model
+    out = {(u.kind, u.where) for u in d.untestable}
+    present = {(e.kind, e.where) for e in model.effects}
+    tried = [s for s in suspects(model) if (s.kind, s.where) not in out and s.makes_sense_beside(present)]
+    return detection_limits(d.search.left, d.search.last, tried)
+
+
+def _outlier(x: Any) -> dict[str, Any]:
+    return {
+        "kind": "outliers",
+        "where": x.name,
+        "settings": {},
+        "parameters": {},
+        "evidence": {"p_value": x.p_value, "excess": x.excess, "rms_sigma": x.rms_sigma},
+        "confounded_with": [],
+    }
+
+
+def _rejected(d: Diagnosis) -> list[dict[str, Any]]:
+    out = [
+        {"kind": name.partition(" at ")[0], "where": name.partition(" at ")[2], "why": why}
+        for name, why in d.withdrawn.items()
+    ]
+    named = {n.tested.suspect.name for n in d.search.named}
+    out += [
+        {"kind": t.suspect.kind, "where": t.suspect.where, "why": _why(t, d)}
+        for t in [*d.search.last.passed, *d.search.last.failed]
+        if t.suspect.name not in named and t.suspect.name not in d.withdrawn
+    ]
+    for name, reason in d.search.faults.items():
+        kind, _, where = name.partition(" at ")
+        out.append({"kind": kind, "where": where, "why": f"could not be tried: {reason}"})
+    return out
+
+
+def _why(t: Tested, d: Diagnosis) -> str:
+    if t.p_value >= d.search.last.level:
+        return f"explains no more than noise does (p = {t.p_value:.2g}, needed {d.search.last.level:.1g})"
+    if t.gain <= 0:
+        return f"does not predict unseen experiments better (cross-validated gain {t.gain:.3g})"
+    return f"would gain {t.gain:.3g}, but more effects than are named were never told apart"

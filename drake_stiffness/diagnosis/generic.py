@@ -1,0 +1,185 @@
+"""What any model could still explain: a Gaussian process over joint torques, angles, branches and time.
+
+Every joint gets a deflection that is a sum of smooth functions - powers of its torque times harmonics of its angle, and the
+branch of its load history - and the tracker a slow wander; each family with a variance of its own. It names nothing. It
+tells where a gap lives and of what shape it is, and how much of it a better model could close at most.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection
+from dataclasses import dataclass
+
+import numpy as np
+
+from drake_stiffness.diagnosis.naming import Remaining
+from drake_stiffness.diagnosis.signatures import Scene
+from drake_stiffness.observation import whitened
+from drake_stiffness.rotations import Array
+
+_ROUNDS = 30
+
+
+@dataclass(frozen=True, eq=False)
+class Family:
+    """Columns of one place and one sort.
+
+    Attributes
+    ----------
+    where : str
+        A joint, "tracker", or "load".
+    sort : str
+        What drives them: load, angle, branch or time.
+    shapes : tuple of str
+        What every column is, in words.
+    columns : (rows, k)
+        Whitened.
+    """
+
+    where: str
+    sort: str
+    shapes: tuple[str, ...]
+    columns: Array
+
+
+# Functions of the torque t in units of its size; each is also tried times harmonics of the angle.
+_OF_TORQUE: tuple[tuple[str, Callable[[Array], Array]], ...] = (
+    ("a jump where the torque changes sign", np.sign),
+    ("proportional to the torque", lambda t: t),
+    ("even in the torque", np.abs),
+    ("curved, odd in the torque", lambda t: t * np.abs(t)),
+    ("curved, odd in the torque", lambda t: t**3),
+)
+_HARMONICS = (1, 2, 3)
+_SMALL = 1e-5  # rad or m: a deflection whose effect is linear
+
+
+def families(scene: Scene) -> list[Family]:
+    """Generic columns of every joint, of the load and of the tracker."""
+    arm, cases = scene.model.structure.arm, scene.cases
+    out = []
+    for i, name in enumerate(arm.joint_names):
+        tau, weight = scene.carried.tau_joint[i], scene.carried.weight_joint[i]
+        t = tau / max(float(np.sqrt((tau**2).mean())), 1e-12)
+        angle = cases.q[i] * (2 * np.pi if arm.prismatic[i] else 1.0)
+        waves = [wave(n * angle) for n in _HARMONICS for wave in (np.sin, np.cos)]
+        of_load = [(what, f(t)) for what, f in _OF_TORQUE]
+        of_load += [(f"{what}, changing with the angle", f(t) * wave) for what, f in _OF_TORQUE for wave in waves]
+        branch = branch_of(tau - weight, scene)
+        of_branch = [("different for loading and unloading", branch * f) for f in (np.ones_like(t), np.abs(t))]
+        out += [_family(scene, i, name, "load", of_load), _family(scene, i, name, "branch", of_branch)]
+        if not scene.o.displacement:
+            of_angle = [("periodic in the angle, load or no load", wave) for wave in waves]
+            out.append(_family(scene, i, name, "angle", of_angle))
+    return [*out, _pull(scene), *_wander(scene)]
+
+
+def _family(scene: Scene, joint: int, name: str, sort: str, functions: list[tuple[str, Array]]) -> Family:
+    changes = np.stack([scene.deflected({joint: f * _SMALL}) for _, f in functions], axis=2)
+    return Family(name, sort, tuple(what for what, _ in functions), whitened(scene.o, changes))
+
+
+def _pull(scene: Scene) -> Family:
+    """Displacements proportional to the force, in world axes and in those of the flange: a load that is not what was stated."""
+    m = scene.o.measurements
+    force, R = scene.cases.wrench[:3, m.case], scene.poses.R_E[:, :, m.case]
+    size = max(float(np.sqrt((force**2).sum(axis=0).mean())), 1e-12)
+    turned = np.einsum("jin,jn->in", R, force)
+    parts, shapes = [], []
+    for place in ("world", "flange"):
+        for i in range(3):
+            for j in range(3):
+                change = np.zeros((m.case.size, 6))
+                if place == "world":
+                    change[:, i] = force[j] / size * _SMALL
+                else:
+                    change[:, :3] = (R[:, i] * turned[j]).T / size * _SMALL
+                parts.append(change)
+                shapes.append(f"proportional to the force, fixed in the {place}")
+    return Family("load", "load", tuple(shapes), whitened(scene.o, np.stack(parts, axis=2)))
+
+
+def branch_of(load: Array, scene: Scene) -> Array:
+    """+1 while a joint's load grows away from zero, -1 while it falls back, 0 at the first step."""
+    c = scene.cases
+    out = np.zeros_like(load)
+    if not c.experiment.size:
+        return out
+    order = np.lexsort((c.step, c.experiment))
+    e, size = c.experiment[order], load[order]
+    change = np.diff(size, prepend=size[:1])
+    change[np.diff(e, prepend=-1) != 0] = 0.0
+    out[order] = np.sign(change)
+    return out
+
+
+def _wander(scene: Scene) -> list[Family]:
+    time = scene.cases.time_s
+    if not time.size or not np.isfinite(time).all() or np.ptp(time) == 0:
+        return []
+    t = 2 * (time - time.min()) / np.ptp(time) - 1
+    m = scene.o.measurements
+    parts, shapes = [], []
+    for power in (1, 2, 3):
+        for axis in range(3):
+            change = np.zeros((m.case.size, 6))
+            change[:, axis] = 1e-5 * t[m.case] ** power
+            parts.append(change)
+            shapes.append("changing with time")
+    return [Family("tracker", "time", tuple(shapes), whitened(scene.o, np.stack(parts, axis=2)))]
+
+
+@dataclass(frozen=True, eq=False)
+class Process:
+    """A fitted Gaussian process of the remainder.
+
+    Attributes
+    ----------
+    weight : (k,)
+        Posterior mean of the columns' coefficients.
+    share : (families,)
+        Squared size of what each family explains on the fitted readings, in sigma^2.
+    families : list of Family
+    """
+
+    weight: Array
+    share: Array
+    families: list[Family]
+
+    def at(self, where: str, sorts: Collection[str] | None = None) -> float:
+        """What is explained at a place, by some sorts or all."""
+        return float(
+            sum(
+                s
+                for s, f in zip(self.share, self.families, strict=True)
+                if f.where == where and (not sorts or f.sort in sorts)
+            )
+        )
+
+    def predict(self, found: list[Family]) -> Array:
+        """What it says of other readings, from their families, in units of noise."""
+        return np.hstack([f.columns for f in found]) @ self.weight
+
+
+def fit_process(left: Remaining) -> Process:
+    """Posterior mean with family variances by maximum evidence (EM), at the noise the data show."""
+    found = families(left.scene)
+    X = left.beside(np.hstack([f.columns for f in found]))
+    noise = max(1.0, left.per_dof)
+    G, b = X.T @ X, X.T @ left.r
+    sizes = [f.columns.shape[1] for f in found]
+    family = np.repeat(np.arange(len(found)), sizes)
+    variance = np.full(len(found), 1.0)
+    mean = np.zeros(b.size)
+    for _ in range(_ROUNDS):
+        prior = np.maximum(variance[family], 1e-12)
+        half = np.sqrt(prior)
+        inner = np.eye(b.size) + half[:, None] * G * half / noise
+        inverse = np.linalg.inv(inner)
+        mean = half * (inverse @ (half * b)) / noise
+        spread = prior * np.diag(inverse)
+        variance = np.bincount(family, mean**2 + spread) / np.array(sizes)
+        fitted = X @ mean
+        noise = max(float(((left.r - fitted) ** 2).sum()) / max(left.dof, 1), 1e-12)
+    share = np.array([float(((X[:, family == k] @ mean[family == k]) ** 2).sum()) for k in range(len(found))])
+    return Process(mean, share, found)

@@ -1,0 +1,227 @@
+"""Which suspect is it: tests against noise, evidence on unseen experiments, and what cannot be told from it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drake_stiffness.diagnosis.evidence import (
+    Tested,
+    basis_of,
+    cross_validated,
+    folds_of,
+    left_over,
+    level_of_smallest,
+)
+from drake_stiffness.diagnosis.signatures import Scene, signature
+from drake_stiffness.diagnosis.suspects import Suspect
+from drake_stiffness.effects import Effect
+from drake_stiffness.hold_out import posture_groups
+from drake_stiffness.observation import columns
+from drake_stiffness.rotations import Array
+
+FOLDS = 5
+# Two suspects are one class when what is left of their signatures has a canonical correlation above this.
+SAME_ABOVE = 0.95
+# A suspect is kept in the class unless it is excluded at this many standard deviations.
+_EXCLUDED_AT = 2.6
+_LEAST_DOF = 10
+
+
+@dataclass(frozen=True, eq=False)
+class Round:
+    """All suspects against one model.
+
+    Attributes
+    ----------
+    passed : list of Tested
+        Those that noise does not explain, most convincing first.
+    failed : list of Tested
+        The others, most significant first.
+    faults : dict of name to reason
+        Suspects that could not be tried.
+    level : float
+        What a p-value had to be below.
+    rest_per_dof : float
+        Squared residual per degree of freedom before anything is added.
+    """
+
+    passed: list[Tested]
+    failed: list[Tested]
+    faults: dict[str, str]
+    level: float
+    rest_per_dof: float
+
+
+@dataclass(frozen=True, eq=False)
+class Remaining:
+    """What a fitted model leaves: its residual with its own columns projected out, and the projector.
+
+    Attributes
+    ----------
+    scene : Scene
+    Q : (rows, r)
+        Orthonormal basis of the model's own columns.
+    r : (rows,)
+    dof : int
+    """
+
+    scene: Scene
+    Q: Array
+    r: Array
+    dof: int
+
+    @property
+    def per_dof(self) -> float:
+        return float(self.r @ self.r) / max(self.dof, 1)
+
+    def beside(self, S: Array) -> Array:
+        """What is left of further columns beside the model's own."""
+        return left_over(S, self.Q)
+
+    def rest(self, effect: Effect) -> Array:
+        """What is left of an effect's columns beside the model's own."""
+        return self.beside(self.columns_of(effect))
+
+    def columns_of(self, effect: Effect) -> Array:
+        """(rows, p) whitened, per unit of the effect's scales."""
+        return signature(self.scene, effect)
+
+    def folds(self, seed: int) -> NDArray[np.int_]:
+        """(rows,) which fold of whole experiments every row is in."""
+        o = self.scene.o
+        return folds_of(o.cluster, posture_groups(o.measurements.cases), FOLDS, seed)
+
+
+def remaining(scene: Scene, residual: Array, seen: Array) -> Remaining:
+    """Project the model's own parameters out of its residual.
+
+    Parameters
+    ----------
+    residual : (rows,)
+        Whitened residual of the fit.
+    seen : (n, r)
+        Directions of the model's own parameters that were fitted, in units of scale.
+    """
+    Q = basis_of(columns(scene.o, scene.model) @ seen)
+    r = residual - Q @ (Q.T @ residual)
+    return Remaining(scene, Q, r, scene.o.rows - scene.o.references - Q.shape[1])
+
+
+def try_all(left: Remaining, found: list[Suspect], seed: int) -> Round:
+    """Test every suspect against what a fitted model leaves."""
+    faults: dict[str, str] = {}
+    rests = {suspect.name: _rests(left, suspect, faults) for suspect in found}
+    if left.dof <= _LEAST_DOF:
+        return Round([], [], faults, 0.0, left.per_dof)
+    bases = {name: tuple(basis_of(S) for S in own) for name, own in rests.items()}
+    sizes = [Q.shape[1] for own in bases.values() for Q in own if Q.shape[1]]
+    if not sizes:
+        return Round([], [], faults, 0.0, left.per_dof)
+    level = level_of_smallest(np.hstack([Q for own in bases.values() for Q in own]), sizes, left.dof, seed)
+    tested = [best_variant(left, suspect, rests[suspect.name], bases[suspect.name]) for suspect in found]
+    able = [t for t in tested if t is not None]
+    gain = Gain(left, seed)
+    passed = [replace(t, gain=gain.of(rests[t.suspect.name][t.variant])) for t in able if t.p_value < level]
+    passed.sort(key=lambda t: -t.gain)
+    failed = sorted((t for t in able if t.p_value >= level), key=lambda t: t.p_value)
+    return Round(passed, failed, faults, level, left.per_dof)
+
+
+class Gain:
+    """Cross-validated gain of columns beside the model's own: by how much chi-square of unseen experiments falls."""
+
+    def __init__(self, left: Remaining, seed: int) -> None:
+        self.left = left
+        self.fold = left.folds(seed)
+        self.before = cross_validated(left.Q, np.zeros((left.r.size, 0)), left.r, self.fold)
+
+    def of(self, rest: Array) -> float:
+        """In units of the noise the data show."""
+        after = cross_validated(self.left.Q, rest, self.left.r, self.fold)
+        return (self.before - after) / max(self.left.per_dof, 1e-300)
+
+
+def _rests(left: Remaining, suspect: Suspect, faults: dict[str, str]) -> tuple[Array, ...]:
+    """What is left of every variant's columns; nothing, and the reason in `faults`, if it cannot be tried."""
+    out = []
+    for effect in suspect.variants:
+        try:
+            rest = left.rest(effect)
+        except Exception as error:
+            # A candidate is anybody's code: it fails alone, the run goes on, and the report says so.
+            faults[suspect.name] = f"{type(error).__name__}: {error}"
+            return ()
+        out.append(rest if np.isfinite(rest).all() else np.zeros_like(rest))
+    return tuple(out)
+
+
+def best_variant(left: Remaining, suspect: Suspect, rests: Sequence[Array], bases: Sequence[Array]) -> Tested | None:
+    """The most significant variant whose signs its bounds allow; None if there is none."""
+    from scipy.special import fdtrc
+
+    total, best = float(left.r @ left.r), None
+    for number, (S, Q) in enumerate(zip(rests, bases, strict=True)):
+        if not Q.shape[1]:
+            continue
+        part = Q.T @ left.r
+        coefficient = _within_bounds(suspect.variants[number], Q.T @ S, part)
+        fit = S @ coefficient
+        explained, p = total - float(((left.r - fit) ** 2).sum()), Q.shape[1]
+        if explained <= 0:
+            continue
+        rest_dof = max(left.dof - p, 1)
+        p_value = float(fdtrc(p, rest_dof, explained / p / (max(total - explained, 1e-300) / rest_dof)))
+        if best is None or (p_value, -explained) < (best.p_value, -best.explained):
+            best = Tested(suspect, number, explained, p_value, 0.0, coefficient, fit, tuple(bases))
+    return best
+
+
+def _within_bounds(effect: Effect, S: Array, r: Array) -> Array:
+    """Least-squares values of an effect's parameters in units of their scales, its bounds respected (from its own start)."""
+    coefficient = np.asarray(np.linalg.lstsq(S, r, rcond=1e-9)[0], dtype=float)
+    start = effect.initial()
+    lower = np.array([(p.lower - s) / p.scale for p, s in zip(effect.parameters, start, strict=True)])
+    upper = np.array([(p.upper - s) / p.scale for p, s in zip(effect.parameters, start, strict=True)])
+    if ((coefficient >= lower) & (coefficient <= upper)).all():
+        return coefficient
+    from scipy.optimize import lsq_linear
+
+    return np.asarray(lsq_linear(S, r, (lower, upper)).x, dtype=float)
+
+
+def refine(left: Remaining, t: Tested) -> Effect:
+    """The chosen variant with its nonlinear constants improved: neighbours are tried with ever smaller steps."""
+    effect, best = t.effect, t.explained
+    for step in (0.5, 0.25, 0.12, 0.06):
+        for other in effect.neighbours(step):
+            suspect = Suspect(t.suspect.kind, t.suspect.where, (other,))
+            rest = left.rest(other)
+            found = best_variant(left, suspect, (rest,), (basis_of(rest),))
+            if found is not None and found.explained > best:
+                effect, best = other, found.explained
+    return effect
+
+
+def confounded_with(chosen: Tested, others: list[Tested], per_dof: float) -> list[Tested]:
+    """Suspects that this campaign cannot tell from the chosen one.
+
+    Those whose left-over columns carry the chosen signature with a correlation above `SAME_ABOVE`, and those whose own fit is so
+    near in shape and quality that, were they the truth, the chosen one would fit as well as it does: with d the length of
+    their fit outside the chosen one's span, the difference of explained squares is normal with mean -d^2 and deviation 2 d.
+    """
+    same = []
+    size = max(float(np.linalg.norm(chosen.fit)), 1e-300)
+    for other in others:
+        if other.suspect.name == chosen.suspect.name:
+            continue
+        correlation = max(float(np.linalg.norm(Q.T @ chosen.fit)) / size for Q in other.bases)
+        outside = other.fit - chosen.basis @ (chosen.basis.T @ other.fit)
+        d = float(np.linalg.norm(outside)) / np.sqrt(per_dof)
+        ahead = (chosen.explained - other.explained) / per_dof
+        if correlation > SAME_ABOVE or ahead <= -(d**2) + 2 * _EXCLUDED_AT * d:
+            same.append(other)
+    return same

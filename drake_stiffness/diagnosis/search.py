@@ -1,0 +1,257 @@
+"""Name, add, refit, repeat: effects join the model one at a time until nothing passes, and each must hold to the end.
+
+After every addition the effects named before are held up again: each is taken out, all suspects are tried against what the
+rest leaves, and a better one takes its place. So an early guess that stood in for two true effects does not survive them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from drake_stiffness.diagnosis.evidence import Tested
+from drake_stiffness.diagnosis.naming import Remaining, Round, confounded_with, refine, remaining, try_all
+from drake_stiffness.diagnosis.signatures import Scene, extended
+from drake_stiffness.diagnosis.suspects import Suspect
+from drake_stiffness.effects import Effect
+from drake_stiffness.errors import InputError, UntrustworthyError
+from drake_stiffness.identification import Solution, identify
+from drake_stiffness.model import Model
+from drake_stiffness.observation import Observations
+
+# More effects than this at once were never told apart; what is left then is said to be unexplained.
+MOST_EFFECTS = 5
+# The simplest suspect that gains this share of what the best one gains goes first: what it misses shows in the next round.
+_NEARLY_AS_GOOD = 0.8
+# A further name must be this much surer than the first one had to be.
+_LATER = 0.2
+# At the place of a named effect: signatures as like as this, and explaining less than this share, are a rest of it.
+_SAME_PHYSICS, _WEAKER = 0.4, 0.3
+# Effects whose signatures have a correlation above this are held up again once both are there.
+_ALIKE_ABOVE = 0.2
+
+
+@dataclass(frozen=True, eq=False)
+class Named:
+    """An effect that joined the model.
+
+    Attributes
+    ----------
+    effect : Effect
+    tested : Tested
+        The evidence for it with all other named effects in the model.
+    confounded : tuple of Tested
+        What this campaign cannot tell from it.
+    level : float
+        What its p-value had to be below.
+    """
+
+    effect: Effect
+    tested: Tested
+    confounded: tuple[Tested, ...]
+    level: float
+
+
+@dataclass(frozen=True, eq=False)
+class Search:
+    """What was found.
+
+    Attributes
+    ----------
+    base, solution : Solution
+        The model before and after the named effects.
+    named : tuple of Named
+    last : Round
+        All suspects against the final model.
+    first : Round
+        All suspects against the base model.
+    left : Remaining
+        What the final model leaves.
+    faults : dict of name to reason
+    """
+
+    base: Solution
+    solution: Solution
+    named: tuple[Named, ...]
+    first: Round
+    last: Round
+    left: Remaining
+    faults: dict[str, str]
+
+
+@dataclass(frozen=True, eq=False)
+class Bench:
+    """Fits of a base model with further effects, each made once.
+
+    Attributes
+    ----------
+    base : Solution
+    o : Observations
+    found : list of Suspect
+    seed : int
+    progress : callable
+    """
+
+    base: Solution
+    o: Observations
+    found: list[Suspect]
+    seed: int
+    progress: Callable[[str], None]
+    _fits: dict[tuple[int, ...], Solution] = field(default_factory=dict)
+    _left: dict[tuple[int, ...], Remaining] = field(default_factory=dict)
+
+    def fit(self, effects: Sequence[Effect]) -> Solution:
+        """The base model and further effects, all parameters together under their constraints."""
+        key = tuple(sorted(id(e) for e in effects))
+        if key not in self._fits:
+            self._fits[key] = refit(self.base.model, self.o, effects) if effects else self.base
+        return self._fits[key]
+
+    def left(self, effects: Sequence[Effect]) -> Remaining:
+        """What that fit leaves."""
+        key = tuple(sorted(id(e) for e in effects))
+        if key not in self._left:
+            self._left[key] = leaves(self.fit(effects), self.o)
+        return self._left[key]
+
+    def round(self, effects: Sequence[Effect], barred: set[str]) -> Round:
+        """All suspects that are not barred against what that fit leaves."""
+        present = {(e.kind, e.where) for e in (*self.base.model.effects, *effects)}
+        able = [s for s in self.found if s.name not in barred and s.makes_sense_beside(present)]
+        self.progress(f"trying {sum(len(s.variants) for s in able)} variants of {len(able)} suspects")
+        return try_all(self.left(effects), able, self.seed)
+
+    def join(self, named: Sequence[Named], t: Tested, around: Round) -> Named | str:
+        """One more effect beside the named ones, constants refined; or why the model with it cannot be fitted."""
+        others = [n.effect for n in named]
+        left = self.left(others)
+        effect = refine(left, t)
+        self.progress(f"adding {t.suspect.name}")
+        try:
+            self.fit([*others, effect])
+        except (InputError, UntrustworthyError) as error:
+            return f"the model with it cannot be fitted: {error}"
+        return Named(effect, t, (), around.level)
+
+
+def search(base: Solution, o: Observations, found: list[Suspect], seed: int, progress: Callable[[str], None]) -> Search:
+    """Find what is missing in the model of a fit."""
+    bench = Bench(base, o, found, seed, progress)
+    faults: dict[str, str] = {}
+    named: list[Named] = []
+    first = None
+    while True:
+        last = bench.round(_effects(named), _names(named) | set(faults))
+        first = first or last
+        faults |= last.faults
+        chosen = most_convincing([t for t in last.passed if may_join(t, named, first, last)])
+        if chosen is None or len(named) == MOST_EFFECTS:
+            break
+        joined = bench.join(named, chosen, last)
+        if isinstance(joined, str):
+            faults[chosen.suspect.name] = joined
+            continue
+        doubtful = any(_alike(n.tested, joined.tested) for n in named)
+        named.append(joined)
+        if doubtful:
+            named = _hold_up_again(bench, named, faults)
+    named = _evidence_of_each(bench, named)
+    effects = _effects(named)
+    return Search(base, bench.fit(effects), tuple(named), first, last, bench.left(effects), faults)
+
+
+def most_convincing(passed: Sequence[Tested]) -> Tested | None:
+    """The simplest of those that gain nearly as much as the best; None if nothing gains."""
+    able = [t for t in passed if t.gain > 0]
+    if not able:
+        return None
+    near = [t for t in able if t.gain >= _NEARLY_AS_GOOD * able[0].gain]
+    return min(near, key=lambda t: (len(t.effect.parameters), -t.gain))
+
+
+def may_join(t: Tested, named: Sequence[Named], first: Round | None, last: Round) -> bool:
+    """Whether a further effect is one of its own.
+
+    What a named form misses of its truth looks like a weaker effect in the same joint: backlash beside hardening, friction
+    beside play. A suspect at the place of a named effect, of like signature and far weaker, is that rest and no effect. And
+    after something was named the search goes on only for what is beyond doubt, so that all rounds together keep the level.
+    """
+    if named and t.p_value > _LATER * last.level:
+        return False
+    before = {} if first is None else {x.suspect.name: x for x in (*first.passed, *first.failed)}
+    for n in named:
+        own, other = before.get(n.tested.suspect.name), before.get(t.suspect.name)
+        if n.effect.where != t.suspect.where or own is None or other is None:
+            continue
+        alike = float(np.linalg.norm(own.basis.T @ other.basis, 2))
+        if alike > _SAME_PHYSICS and t.explained < _WEAKER * n.tested.explained:
+            return False
+    return True
+
+
+def leaves(solution: Solution, o: Observations) -> Remaining:
+    """What a fit leaves of the readings."""
+    return remaining(Scene(solution.model, o), solution.residual, solution.identifiability.seen)
+
+
+def refit(base: Model, o: Observations, effects: Sequence[Effect]) -> Solution:
+    """The base model and further effects, all parameters together under their constraints."""
+    model = base
+    for effect in effects:
+        model = extended(model, effect)
+    return identify(model, o, "sdp")
+
+
+def _effects(named: Sequence[Named]) -> list[Effect]:
+    return [n.effect for n in named]
+
+
+def _names(named: Sequence[Named]) -> set[str]:
+    return {n.tested.suspect.name for n in named}
+
+
+def _hold_up_again(bench: Bench, named: list[Named], faults: dict[str, str]) -> list[Named]:
+    """Take every earlier effect out in turn; what is then most convincing takes its place, or nothing if nothing passes."""
+    for old in list(named[:-1]):
+        rest = [n for n in named if n is not old]
+        around = bench.round(_effects(rest), _names(rest) | set(faults))
+        best = most_convincing(around.passed)
+        if best is None:
+            named = rest
+            continue
+        if best.suspect.name == old.tested.suspect.name:
+            continue
+        joined = bench.join(rest, best, around)
+        if not isinstance(joined, str):
+            named = [*rest, joined]
+    return named
+
+
+def _alike(a: Tested, b: Tested) -> bool:
+    """Whether one may have stood in for the other."""
+    size = float(np.linalg.norm(a.fit) * np.linalg.norm(b.fit))
+    return abs(float(a.fit @ b.fit)) > _ALIKE_ABOVE * size
+
+
+def _evidence_of_each(bench: Bench, named: list[Named]) -> list[Named]:
+    """The evidence for each named effect with all the others in the model, and its class; strongest first."""
+    out = []
+    per_dof = bench.left(_effects(named)).per_dof
+    for n in named:
+        others = [m for m in named if m is not n]
+        found = [_fixed(s, n) for s in bench.found if s.name not in _names(others)]
+        around = try_all(bench.left(_effects(others)), found, bench.seed)
+        able = [*around.passed, *around.failed]
+        own = next((t for t in able if t.suspect.name == n.tested.suspect.name), n.tested)
+        same = confounded_with(own, able, per_dof)
+        out.append(replace(n, tested=own, confounded=tuple(same), level=around.level))
+    return sorted(out, key=lambda n: -n.tested.gain)
+
+
+def _fixed(suspect: Suspect, n: Named) -> Suspect:
+    """The named suspect has its refined constants from now on."""
+    if suspect.name != n.tested.suspect.name:
+        return suspect
+    return Suspect(suspect.kind, suspect.where, (n.effect,))

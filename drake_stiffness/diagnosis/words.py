@@ -1,0 +1,109 @@
+"""What `diagnose` prints: verdict, named effects, the gap before and after, what could not be tested."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from typing import Any
+
+from rich.console import Console
+from rich.table import Table
+
+from drake_stiffness.diagnosis.job import Diagnosed
+from drake_stiffness.intervals.interval import read_as
+
+MEANING = {
+    "consistent": "the model explains the data to its noise",
+    "explained": "the named effects close the gap",
+    "partly_explained": "the named effects close a part of the gap; something is left",
+    "unexplained": "a gap remains that no known effect closes",
+}
+# Settings of effects that follow from the arm or are conventions; the others were chosen by the search.
+_NEVER_SEARCHED = {
+    *("prismatic", "unit", "scale", "floor", "smooth", "start_s"),
+    *("template", "beam_axis", "length_m", "link", "components", "entries", "combined"),
+}
+
+
+def effect_words(entry: dict[str, Any]) -> str:
+    """A named effect in a few words: kind, place, values."""
+    return f"{entry['kind'].replace('_', ' ')} at {entry['where']} ({values_in_words(entry)})"
+
+
+def show_diagnosis(console: Console, result: Diagnosed) -> None:
+    """For people; everything is in `--json` and `--report`."""
+    document = result.document
+    console.print(f"Verdict: {document['verdict']} - {MEANING[document['verdict']]}.")
+    console.print(f"Where the gap is: {document['where_in_words']['before']}.")
+    if document["effects"]:
+        table = Table(title="Named effects, strongest first")
+        for name in ("effect", "at", "value", "sigma of evidence", "cannot be told from"):
+            table.add_column(name)
+        for entry in document["effects"]:
+            values = values_in_words(entry)
+            evidence = entry["evidence"].get("sigma") or entry["evidence"].get("rms_sigma")
+            others = ", ".join(f"{c['kind']} at {c['where']}" for c in entry["confounded_with"])
+            table.add_row(entry["kind"], entry["where"], values, f"{evidence:.1f}", others or "-")
+        console.print(table)
+    gap = document["gap"]
+    table = Table(title="The gap, rms of 3-D residuals, mm")
+    for name in ("readings", "before", "after", "noise", "chi-square per dof before", "after", "p-value after"):
+        table.add_column(name)
+    noise = f"{gap['noise_rms_mm']:.4f}"
+    table.add_row("fitted", f"{gap['before_rms_mm']:.4f}", f"{gap['after_rms_mm']:.4f}", noise, "", "", "")
+    table.add_row(
+        "held out", f"{gap['held_out_before_rms_mm']:.4f}", f"{gap['held_out_after_rms_mm']:.4f}", noise,
+        f"{gap['held_out_chi2_per_dof_before']:.3g}", f"{gap['held_out_chi2_per_dof_after']:.3g}",
+        f"{gap['held_out_p_value_after']:.2g}",
+    )  # fmt: skip
+    console.print(table)
+    if document["verdict"] in ("partly_explained", "unexplained"):
+        console.print(f"What remains: {document['where_in_words']['after']}.")
+    if gap["noise_implausible"]:
+        console.print(
+            f"! The stated noise is implausible: points of one flange, which move as a rigid body, show {result.diagnosis.noise.ratio:.2g} "
+            "times as much. Tests use the noise that the data show."
+        )
+    untestable: dict[tuple[str, str], list[str]] = defaultdict(list)
+    for entry in document["untestable"]:
+        untestable[entry["kind"], entry["lacks"]].append(entry["where"])
+    for (kind, lacks), places in untestable.items():
+        console.print(f"Untestable: {kind} ({', '.join(places)}); the campaign lacks {lacks}.")
+
+
+def values_in_words(entry: dict[str, Any]) -> str:
+    """Parameters that stand out of their uncertainty (all of them where none does or there are few), and searched constants."""
+    parameters = entry["parameters"]
+    sure = {n: p for n, p in parameters.items() if p["sigma"] and abs(p["value"]) > 2 * p["sigma"]}
+    shown = parameters if len(parameters) <= 3 or not sure else sure
+    words = [_value(name, p) for name, p in shown.items()]
+    if len(shown) < len(parameters):
+        words.append(f"({len(parameters) - len(shown)} more)")
+    words += [f"{name} {_number(value)} {unit}".rstrip() for name, value, unit in searched(entry)]
+    return ", ".join(words)
+
+
+def searched(entry: dict[str, Any]) -> list[tuple[str, object, str]]:
+    """Constants of a named effect that a search chose: name, value, unit."""
+    slides = entry["settings"].get("prismatic", False)
+    units = {"threshold": "N" if slides else "N m", "harmonic": "periods a metre" if slides else "periods a turn"}
+    return [
+        (name, value, units.get(name, "")) for name, value in entry["settings"].items() if name not in _NEVER_SEARCHED
+    ]
+
+
+def p_words(p: float) -> str:
+    """A p-value for a sentence."""
+    return "p < 1e-300" if p < 1e-300 else f"p = {p:.2g}"
+
+
+def _number(value: object) -> str:
+    if isinstance(value, list | tuple):
+        return "(" + ", ".join(_number(v) for v in value) + ")"
+    return f"{value:.3g}" if isinstance(value, float) else str(value)
+
+
+def _value(name: str, p: dict[str, Any]) -> str:
+    factor, unit = read_as(p["unit"])
+    known = p["sigma"] is not None and p["sigma"] == p["sigma"]
+    sigma = f" +- {p['sigma'] * factor:.2g}" if known else ""
+    return f"{name} = {p['value'] * factor:.3g}{sigma} {unit}"

@@ -1,0 +1,1 @@
+"""Readings that other programs exported become a measurements.csv."""

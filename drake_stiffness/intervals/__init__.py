@@ -1,0 +1,1 @@
+"""How far a value may lie, cones included."""

@@ -1,0 +1,1 @@
+"""Models with fewer parameters, held against each other on held-out experiments."""

@@ -1,0 +1,1 @@
+"""The complete model from its identifiable part and limits of link sections."""

@@ -1,0 +1,1 @@
+"""A plan as the shop can use it: robot program, load sheet, order."""

@@ -1,0 +1,1 @@
+"""The single-link example of the source paper (3.2)."""

@@ -1,0 +1,149 @@
+"""Trials that were run, read back: what was hidden, what was said, and how the two compare."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+#: Parameters of each kind that a test must fit: what an oracle that knows the kind's regressors pays for.
+PARAMETERS = {
+    "joint_mesh_stiffness": 2,
+    "joint_periodic_error": 2,
+    "gravity_compensator": 2,
+    "force_sensor_bias": 3,
+    "force_sensor_misalignment": 3,
+    "tracker_drift": 3,
+    "reflector_offset": 3,
+    "payload": 4,
+    "link_geometry": 5,
+    "tracker_frame": 3,
+    "link_compliance": 6,
+    "base_compliance": 6,
+    "outliers": 9,
+}
+
+
+@dataclass(frozen=True)
+class Truth:
+    """A hidden effect as the record keeps it (see generator.truth_of)."""
+
+    kind: str
+    where: str
+    known: bool
+    sigma: float
+    sigma_kept: float
+    alone: float
+    z: float
+    z_kept: float
+
+    @property
+    def name(self) -> str:
+        return f"{self.kind} at {self.where}"
+
+    @property
+    def parameters(self) -> int:
+        return PARAMETERS.get(self.kind, 1)
+
+
+@dataclass(frozen=True)
+class Record:
+    """One trial.
+
+    Attributes
+    ----------
+    said
+        Per named effect everything it may be, its own name first.
+    classes
+        The oracle's class of hidden effects, where it was computed.
+    nearest
+        Of effects outside the catalogue the suspect most like it and the correlation, where it was computed.
+    """
+
+    seed: int
+    plan: str
+    arm: str
+    quantity: str
+    links: bool
+    hidden: tuple[Truth, ...]
+    verdict: str
+    said: tuple[tuple[str, ...], ...]
+    untestable: frozenset[str]
+    level: float
+    p_after: float | None
+    seconds: float
+    classes: dict[str, list[str]]
+    nearest: dict[str, tuple[str, float]]
+
+    def entry_of(self, truth: Truth) -> tuple[str, ...] | None:
+        """The answer's entry that an effect is in, or nothing."""
+        return next((entry for entry in self.said if truth.name in entry or self._outlier(truth, entry)), None)
+
+    def _outlier(self, truth: Truth, entry: tuple[str, ...]) -> bool:
+        """An outlying step may be named by its whole experiment and the other way round."""
+        if truth.kind != "outliers":
+            return False
+        return any(name.split(":")[0] == truth.name.split(":")[0] for name in entry)
+
+    @property
+    def wrong(self) -> tuple[tuple[str, ...], ...]:
+        """Entries that hold nothing that is true."""
+        true = [self.entry_of(t) for t in self.hidden]
+        return tuple(entry for entry in self.said if entry not in true)
+
+    def outside(self, truth: Truth) -> float:
+        """Sigma of an unknown effect that no suspect carries; all of it where the nearest was not computed."""
+        share = self.nearest.get(truth.name, ("", 0.0))[1]
+        return truth.sigma * float(max(1.0 - share**2, 0.0)) ** 0.5
+
+    def outcome(self, truth: Truth) -> str:
+        """What became of a hidden effect: found, kind (right kind, wrong place), wrong, abstained or missed."""
+        if self.entry_of(truth) is not None:
+            return "found"
+        if any(name.startswith(f"{truth.kind} at") for entry in self.said for name in entry):
+            return "kind"
+        if self.wrong:
+            return "wrong"
+        return "abstained" if self.verdict in ("unexplained", "partly_explained") else "missed"
+
+
+def read_records(folder: Path) -> list[Record]:
+    """All trials of a folder."""
+    return [_record(json.loads(path.read_text(encoding="utf-8"))) for path in sorted(folder.glob("*.json"))]
+
+
+def _record(data: dict[str, Any]) -> Record:
+    t, d = data["truth"], data["document"]
+    hidden = tuple(
+        Truth(
+            h["kind"],
+            h["where"],
+            h["known"],
+            h["sigma"],
+            h["sigma_kept"],
+            h["sigma_alone"],
+            h["oracle_z"],
+            h["oracle_z_kept"],
+        )
+        for h in t["hidden"]
+    )
+    said = tuple(
+        tuple(dict.fromkeys(f"{m['kind']} at {m['where']}" for m in [e, *e["confounded_with"]])) for e in d["effects"]
+    )
+    return Record(
+        t["seed"],
+        t["plan"],
+        t["arm"],
+        t["quantity"],
+        t["links"],
+        hidden,
+        d["verdict"],
+        said,
+        frozenset(f"{u['kind']} at {u['where']}" for u in d["untestable"]),
+        data["level"],
+        d["gap"]["held_out_p_value_after"],
+        data["seconds"],
+        data.get("classes", {}),
+        {name: (near, float(share)) for name, (near, share) in data.get("nearest", {}).items()},
+    )

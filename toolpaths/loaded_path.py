@@ -1,0 +1,129 @@
+"""Where the arm stands along a program and what the tool carries there: poses, postures and wrenches of all corrected motions."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drake_stiffness.errors import InputError, UntrustworthyError
+from drake_stiffness.model import Model
+from toolpaths.compensation import Bench, bench_of
+from toolpaths.forces import wrenches
+from toolpaths.orientation import rotation_from_abc
+from toolpaths.postures import Postures, along_path, outside_limits, singularity_margin
+from toolpaths.process import Process, external_positions, posture
+from toolpaths.program import Program
+
+Floats = NDArray[np.float64]
+Progress = Callable[[str, int, int], None]
+
+# Below this the arm is at a singularity (see `singularity_margin`): about half a degree of a straight wrist.
+SINGULAR_BELOW = 5e-3
+
+
+@dataclass(frozen=True, eq=False)
+class LoadedPath:
+    """Attributes
+    ----------
+    bench : Bench
+        The arm as the controller knows it.
+    rows : (N,)
+        Rows of the program that carry force.
+    R, p : (N, 3, 3), (N, 3)
+        TCP poses in the world, m.
+    postures : Postures
+    wrench : (6, N)
+        At the TCP, world axes.
+    only : (N,) bool
+        Rows without an orientation of their own.
+    """
+
+    bench: Bench
+    rows: NDArray[np.int_]
+    R: Floats
+    p: Floats
+    postures: Postures
+    wrench: Floats
+    only: NDArray[np.bool_]
+
+
+def loaded_path(program: Program, model: Model, process: Process, progress: Progress) -> LoadedPath:
+    """Poses, postures and wrenches of all motions that carry force.
+
+    Raises
+    ------
+    InputError
+        If no motion has a literal pose, or forces do not fit the program.
+    UntrustworthyError
+        If points are out of reach, outside limits or at a singularity.
+    """
+    rows = np.flatnonzero(program.corrected)
+    if not rows.size:
+        raise InputError(
+            f"{program.path}: no linear or circular motion with a literal pose; there is nothing to correct."
+        )
+    start = posture(process, model)
+    bench = bench_of(model, process.reference, process.geometry)
+    R_all, p_all = targets(program, process, bench, start)
+    given = external_positions(process, program, model, rows)
+    progress("inverse kinematics", 0, rows.size)
+    postures = postures_on(program, model, bench, rows, R_all[rows], p_all[rows], start, given)
+    wrench = wrenches(process, program, rows, p_all, R_all[rows])
+    return LoadedPath(bench, rows, R_all[rows], p_all[rows], postures, wrench, _position_only(program)[rows])
+
+
+def targets(program: Program, process: Process, bench: Bench, start: Floats) -> tuple[Floats, Floats]:
+    """TCP poses (P, 3, 3), (P, 3) in the world of all rows of the program, m."""
+    R_WB, p_WB = process.base
+    abc = program.abc_deg
+    known = np.asarray(np.isfinite(abc).all(axis=1))
+    R = R_WB @ rotation_from_abc(np.where(known[:, None], abc, 0.0))
+    # A table without angles is cut with the orientation that the posture has.
+    R[~known] = bench.commanded(start[:, None])[0][:, :, 0]
+    return R, program.position_mm * 1e-3 @ R_WB.T + p_WB
+
+
+def _position_only(program: Program) -> NDArray[np.bool_]:
+    return np.asarray(program.position_only | ~np.isfinite(program.abc_deg).all(axis=1))
+
+
+def postures_on(
+    program: Program,
+    model: Model,
+    bench: Bench,
+    rows: NDArray[np.int_],
+    R: Floats,
+    p: Floats,
+    start: Floats,
+    given: dict[int, Floats],
+) -> Postures:
+    """Joints along the path, or the lines where there are none."""
+    R_WE = R @ bench.R_ET.T
+    postures = along_path(model.arm, R_WE, p - np.einsum("nij,j->ni", R_WE, bench.p_ET), start, given)
+    if not postures.reached.all():
+        fail(program, rows[~postures.reached], "out of reach of the arm")
+    outside = outside_limits(model.arm, postures.q)
+    if outside:
+        joint = model.arm.joint_names[outside[0][1]]
+        fail(program, rows[sorted({row for row, _ in outside})], f"outside the joint limits (first: joint '{joint}')")
+    margin = singularity_margin(model.arm, postures.q)
+    if (margin < SINGULAR_BELOW).any():
+        fail(
+            program,
+            rows[margin < SINGULAR_BELOW],
+            f"at a singularity (margin {margin.min():.2g}, at least {SINGULAR_BELOW:g} is needed)",
+        )
+    return postures
+
+
+def fail(program: Program, rows: NDArray[np.int_], what: str) -> None:
+    """Refuse a program for what is wrong with some of its rows."""
+    lines = list(dict.fromkeys(program.line[rows].tolist()))
+    shown = ", ".join(map(str, lines[:20])) + (f" and {len(lines) - 20} more" if len(lines) > 20 else "")
+    raise UntrustworthyError(
+        f"{program.path}: {len(lines)} line{'s' * (len(lines) > 1)} {what}: line {shown}. Check workpiece, posture_deg and tool.tcp, or "
+        "move the workpiece."
+    )
