@@ -28,6 +28,16 @@ def posture_groups(cases: Cases) -> NDArray[np.int_]:
     return np.asarray(connected_components(links, directed=False)[1])
 
 
+def ordered_groups(m: Measurements) -> NDArray[np.int_]:
+    """The same for measurements, numbered by the names of experiments: what is drawn from them must not depend on the order of rows."""
+    groups = posture_groups(m.cases)
+    names = np.array(m.experiments)
+    first = [names[groups == g].min() for g in range(int(groups.max()) + 1)]
+    rank = np.empty(len(first), dtype=int)
+    rank[np.argsort(first)] = np.arange(len(first))
+    return rank[groups]
+
+
 def held_out_experiments(measurements: Measurements, hold_out: HoldOut | None, where: str) -> NDArray[np.bool_]:
     """Which experiments take no part in the fit.
 
@@ -39,7 +49,7 @@ def held_out_experiments(measurements: Measurements, hold_out: HoldOut | None, w
     held = np.zeros(len(measurements.experiments), dtype=bool)
     if hold_out is None:
         return held
-    groups = posture_groups(measurements.cases)
+    groups = ordered_groups(measurements)
     if hold_out.experiments is not None:
         for name in hold_out.experiments:
             if name not in measurements.experiments:

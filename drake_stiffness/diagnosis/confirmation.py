@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from drake_stiffness.diagnosis.evidence import basis_of, left_over
+from drake_stiffness.diagnosis.evidence import left_over
 from drake_stiffness.diagnosis.generic import Process, families
 from drake_stiffness.diagnosis.naming import Remaining
 from drake_stiffness.diagnosis.signatures import Scene, signature
@@ -117,8 +117,8 @@ def _same(a: Array, b: Array) -> bool:
 
 
 def _explained(left: Remaining, S: Array) -> float:
-    Q = basis_of(left_over(S, left.Q))
-    return float(((Q.T @ left.r) ** 2).sum())
+    rest = left_over(S, left.Q)
+    return float((rest.T @ left.r) @ np.linalg.lstsq(rest.T @ rest, rest.T @ left.r, rcond=1e-12)[0])
 
 
 def still_explainable(process: Process, solution: Solution, o: Observations, residual: Array) -> float:

@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from drake_stiffness.diagnosis.diagnosis import Diagnosis, gap_mm
 from drake_stiffness.diagnosis.detection import Limit, detection_limits
+from drake_stiffness.diagnosis.diagnosis import Diagnosis, gap_mm
 from drake_stiffness.diagnosis.evidence import Tested
 from drake_stiffness.diagnosis.search import Named
 from drake_stiffness.diagnosis.suspects import suspects
@@ -86,7 +86,11 @@ def _limits(d: Diagnosis) -> list[Limit]:
     model = d.search.solution.model
     out = {(u.kind, u.where) for u in d.untestable}
     present = {(e.kind, e.where) for e in model.effects}
-    tried = [s for s in suspects(model) if (s.kind, s.where) not in out and s.makes_sense_beside(present)]
+    tried = [
+        s
+        for s in suspects(model)
+        if (s.kind, s.where) not in out and s.name not in d.search.faults and s.makes_sense_beside(present)
+    ]
     return detection_limits(d.search.left, d.search.last, tried)
 
 
@@ -111,6 +115,17 @@ def _rejected(d: Diagnosis) -> list[dict[str, Any]]:
         {"kind": t.suspect.kind, "where": t.suspect.where, "why": _why(t, d)}
         for t in [*d.search.last.passed, *d.search.last.failed]
         if t.suspect.name not in named and t.suspect.name not in d.withdrawn
+    ]
+    said = named | set(d.withdrawn) | set(d.search.faults)
+    said |= {t.suspect.name for t in (*d.search.last.passed, *d.search.last.failed)}
+    out += [
+        {
+            "kind": s.kind,
+            "where": s.where,
+            "why": "nothing of it is left beside the model, or its value would be out of bounds",
+        }
+        for s in d.search.tried
+        if s.name not in said
     ]
     for name, reason in d.search.faults.items():
         kind, _, where = name.partition(" at ")

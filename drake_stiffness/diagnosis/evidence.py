@@ -12,7 +12,9 @@ folds of whole experiments.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,6 +26,7 @@ from drake_stiffness.rotations import Array
 # Of the 1 % that all of diagnosis may err by when nothing is missing; the rest is for outliers.
 FAMILY_WISE = 0.008
 _DRAWS = 4000
+_JITTER = 1e-9
 # What is left of a column after the base model's, as a share of it: below this the two cannot be told apart at all.
 _NOTHING_LEFT = 1e-3
 
@@ -100,14 +103,17 @@ def level_of_smallest(Q_all: Array, sizes: list[int], dof: int, seed: int) -> fl
     from scipy.special import fdtrc
 
     rng = np.random.default_rng(seed)
-    gram = Q_all.T @ Q_all
-    values, vectors = np.linalg.eigh(gram)
-    keep = values > 1e-10 * values[-1]
-    root = vectors[:, keep] * np.sqrt(values[keep])
+    # Any root of the covariance serves; single precision is plenty for a quantile.
+    root = (
+        Q_all.T
+        if Q_all.shape[0] < Q_all.shape[1]
+        else np.linalg.cholesky(Q_all.T @ Q_all + _JITTER * np.eye(Q_all.shape[1]))
+    )
+    root = root.astype(np.float32)
     starts = np.concatenate([[0], np.cumsum(sizes)[:-1]])
     smallest = []
     for _ in range(0, _DRAWS, 500):
-        g = rng.normal(size=(500, root.shape[1])) @ root.T
+        g = rng.standard_normal((500, root.shape[1]), dtype=np.float32) @ root.T
         f = np.add.reduceat(g**2, starts, axis=1)
         rest = rng.chisquare(dof, size=(500, 1)) / dof
         smallest.append(fdtrc(np.array(sizes)[None], dof, f / np.array(sizes) / rest).min(axis=1))
@@ -123,17 +129,25 @@ def folds_of(experiment: NDArray[np.int_], groups: NDArray[np.int_], number: int
     return fold[groups[experiment]]
 
 
-def cross_validated(A: Array, S: Array, r: Array, fold: NDArray[np.int_]) -> float:
+def cross_validated(A: Array, variants: Sequence[Array], r: Array, fold: NDArray[np.int_]) -> float:
     """Sum of squares of what fits to the other folds leave of each fold, with columns [A, S], A of full column rank.
 
-    Rows of a negative fold take part in every fit and are never left out.
+    Parameters
+    ----------
+    variants : one or more (rows, p)
+        Of all S the one that fits the other folds best is taken, fold by fold: the search over constants is paid for too.
+    fold : (rows,)
+        Rows of a negative fold take part in every fit and are never left out.
     """
-    X = np.hstack([A, S])
-    G, b = X.T @ X, X.T @ r
-    total = 0.0
+    X = np.hstack([A, *variants])
+    base, ends = A.shape[1], A.shape[1] + np.cumsum([0, *(S.shape[1] for S in variants)])
+    picks = [np.concatenate([np.arange(base), np.arange(a, b)]) for a, b in pairwise(ends.tolist())]
+    G, b, total = X.T @ X, X.T @ r, 0.0
     for f in np.unique(fold[fold >= 0]):
         own = fold == f
         Xf, rf = X[own], r[own]
-        beta = np.linalg.lstsq(G - Xf.T @ Xf, b - Xf.T @ rf, rcond=1e-10)[0]
-        total += float(((rf - Xf @ beta) ** 2).sum())
+        G_rest, b_rest = G - Xf.T @ Xf, b - Xf.T @ rf
+        fits = [np.linalg.lstsq(G_rest[np.ix_(pick, pick)], b_rest[pick], rcond=1e-10)[0] for pick in picks]
+        best = max(range(len(picks)), key=lambda k: float(b_rest[picks[k]] @ fits[k]))
+        total += float(((rf - Xf[:, picks[best]] @ fits[best]) ** 2).sum())
     return total

@@ -138,13 +138,19 @@ class Process:
     weight : (k,)
         Posterior mean of the columns' coefficients.
     share : (families,)
-        Squared size of what each family explains on the fitted readings, in sigma^2.
+        Squared size of what each family explains on the fitted readings beyond what it would explain of noise, in sigma^2.
     families : list of Family
+    floor : float
+        Squared noise that is left beside the process, in units of the stated one: no smooth function gets below it.
+    dof : float
+        Degrees of freedom of that.
     """
 
     weight: Array
     share: Array
     families: list[Family]
+    floor: float
+    dof: float
 
     def at(self, where: str, sorts: Collection[str] | None = None) -> float:
         """What is explained at a place, by some sorts or all."""
@@ -170,16 +176,19 @@ def fit_process(left: Remaining) -> Process:
     sizes = [f.columns.shape[1] for f in found]
     family = np.repeat(np.arange(len(found)), sizes)
     variance = np.full(len(found), 1.0)
-    mean = np.zeros(b.size)
+    mean, taken, rest_dof = np.zeros(b.size), np.zeros(b.size), float(max(left.dof, 1))
     for _ in range(_ROUNDS):
         prior = np.maximum(variance[family], 1e-12)
         half = np.sqrt(prior)
         inner = np.eye(b.size) + half[:, None] * G * half / noise
         inverse = np.linalg.inv(inner)
         mean = half * (inverse @ (half * b)) / noise
-        spread = prior * np.diag(inverse)
-        variance = np.bincount(family, mean**2 + spread) / np.array(sizes)
-        fitted = X @ mean
-        noise = max(float(((left.r - fitted) ** 2).sum()) / max(left.dof, 1), 1e-12)
+        spread = half[:, None] * inverse * half
+        variance = np.bincount(family, mean**2 + np.diag(spread)) / np.array(sizes)
+        # What every column takes of the degrees of freedom.
+        taken = (spread * G).sum(axis=1) / noise
+        rest_dof = max(left.dof - float(taken.sum()), 1.0)
+        noise = max(float(((left.r - X @ mean) ** 2).sum()) / rest_dof, 1e-12)
     share = np.array([float(((X[:, family == k] @ mean[family == k]) ** 2).sum()) for k in range(len(found))])
-    return Process(mean, share, found)
+    share = np.maximum(share - noise * np.bincount(family, taken), 0.0)
+    return Process(mean, share, found, noise, rest_dof)

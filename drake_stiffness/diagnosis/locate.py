@@ -12,6 +12,7 @@ from drake_stiffness.diagnosis.signatures import Scene
 from drake_stiffness.rotations import Array
 
 _BINS = 6
+_IMPLAUSIBLE = 1e-3
 
 
 @dataclass(frozen=True)
@@ -130,6 +131,19 @@ def in_words(process: Process, rest_per_dof: float, sigma_mm: float) -> str:
         lines.append(f"{name}, {_shape(process, name)}; {rms:.3f} mm rms, {np.sqrt(share):.0f} sigma")
     rest = "; elsewhere noise" if sum(process.at(n) for n in strong) > 0.9 * total else ""
     return (" and ".join(lines) or "spread over several places") + rest
+
+
+def floor_in_words(process: Process, sigma_mm: float) -> str:
+    """Where nothing else shows the noise: whether any smooth function gets down to the stated one; empty if it does."""
+    from scipy.special import chdtrc
+
+    if process.dof <= 1 or chdtrc(process.dof, process.floor * process.dof) > _IMPLAUSIBLE:
+        return ""
+    stated, left = np.sqrt(3) * sigma_mm, np.sqrt(3 * process.floor) * sigma_mm
+    return (
+        f"; no smooth function of angles, torques and time gets below {left:.3f} mm rms, while the stated noise is {stated:.3f}: it is "
+        "too small, or the arm does not come back to a posture so exactly (repeated readings and several points would tell)"
+    )
 
 
 def _shape(process: Process, name: str) -> str:

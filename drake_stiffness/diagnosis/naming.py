@@ -19,7 +19,7 @@ from drake_stiffness.diagnosis.evidence import (
 from drake_stiffness.diagnosis.signatures import Scene, signature
 from drake_stiffness.diagnosis.suspects import Suspect
 from drake_stiffness.effects import Effect
-from drake_stiffness.hold_out import posture_groups
+from drake_stiffness.hold_out import ordered_groups
 from drake_stiffness.observation import columns
 from drake_stiffness.rotations import Array
 
@@ -29,6 +29,9 @@ SAME_ABOVE = 0.95
 # A suspect is kept in the class unless it is excluded at this many standard deviations.
 _EXCLUDED_AT = 2.6
 _LEAST_DOF = 10
+# Variants whose signatures correlate by less than this are of another shape; one of them explaining this share of the best
+# means that the best is no discovery.
+_ANOTHER_SHAPE, _NEARLY = 0.6, 0.6
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,7 +96,7 @@ class Remaining:
     def folds(self, seed: int) -> NDArray[np.int_]:
         """(rows,) which fold of whole experiments every row is in."""
         o = self.scene.o
-        return folds_of(o.cluster, posture_groups(o.measurements.cases), FOLDS, seed)
+        return folds_of(o.cluster, ordered_groups(o.measurements), FOLDS, seed)
 
 
 def remaining(scene: Scene, residual: Array, seen: Array) -> Remaining:
@@ -125,7 +128,7 @@ def try_all(left: Remaining, found: list[Suspect], seed: int) -> Round:
     tested = [best_variant(left, suspect, rests[suspect.name], bases[suspect.name]) for suspect in found]
     able = [t for t in tested if t is not None]
     gain = Gain(left, seed)
-    passed = [replace(t, gain=gain.of(rests[t.suspect.name][t.variant])) for t in able if t.p_value < level]
+    passed = [replace(t, gain=gain.of(rests[t.suspect.name])) for t in able if t.p_value < level]
     passed.sort(key=lambda t: -t.gain)
     failed = sorted((t for t in able if t.p_value >= level), key=lambda t: t.p_value)
     return Round(passed, failed, faults, level, left.per_dof)
@@ -137,11 +140,11 @@ class Gain:
     def __init__(self, left: Remaining, seed: int) -> None:
         self.left = left
         self.fold = left.folds(seed)
-        self.before = cross_validated(left.Q, np.zeros((left.r.size, 0)), left.r, self.fold)
+        self.before = cross_validated(left.Q, [np.zeros((left.r.size, 0))], left.r, self.fold)
 
-    def of(self, rest: Array) -> float:
-        """In units of the noise the data show."""
-        after = cross_validated(self.left.Q, rest, self.left.r, self.fold)
+    def of(self, rests: Sequence[Array]) -> float:
+        """Of the best of several variants, in units of the noise the data show."""
+        after = cross_validated(self.left.Q, rests, self.left.r, self.fold)
         return (self.before - after) / max(self.left.per_dof, 1e-300)
 
 
@@ -204,6 +207,13 @@ def refine(left: Remaining, t: Tested) -> Effect:
             if found is not None and found.explained > best:
                 effect, best = other, found.explained
     return effect
+
+
+def is_sponge(left: Remaining, t: Tested) -> bool:
+    """Whether variants of quite another shape do nearly as well: then none of them is the physics, and all soak up something else."""
+    size = max(float(np.linalg.norm(t.fit)), 1e-300)
+    others = [Q for Q in t.bases if Q.shape[1] and float(np.linalg.norm(Q.T @ t.fit)) < _ANOTHER_SHAPE * size]
+    return any(float(((Q.T @ left.r) ** 2).sum()) > _NEARLY * t.explained for Q in others)
 
 
 def confounded_with(chosen: Tested, others: list[Tested], per_dof: float) -> list[Tested]:

@@ -103,8 +103,8 @@ def _purposes(d: Diagnosis) -> tuple[str, ...]:
 
 
 def _helps(u: Untestable) -> bool:
-    """Whether more steps and postures can mend what is lacking (a fitted compliance they cannot)."""
-    return "known from elsewhere" not in u.lacks
+    """Whether more steps and postures can mend what is lacking; another quantity or known compliances they are not."""
+    return not any(words in u.lacks for words in ("known from elsewhere", "absolute positions"))
 
 
 def _default_experiment(drawn: Candidates, m: Measurements) -> Candidates:
@@ -127,7 +127,7 @@ def _grams(task: Task, model: Model, pairs: list, plan: Candidates) -> Array:
     cases = plan.cases(model.load_point)
     points = np.array(list(model.points))
     case, point = np.repeat(np.arange(cases.number), points.size), np.tile(points, cases.number)
-    cases = replace(cases, time_s=25.0 * cases.step)
+    cases = replace(cases, time_s=np.asarray(25.0 * cases.step, dtype=float))
     m = replace(
         task.measurements,
         cases=cases,

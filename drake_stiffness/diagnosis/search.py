@@ -11,9 +11,17 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from drake_stiffness.diagnosis.evidence import Tested
-from drake_stiffness.diagnosis.naming import Remaining, Round, confounded_with, refine, remaining, try_all
-from drake_stiffness.diagnosis.signatures import Scene, extended
+from drake_stiffness.diagnosis.evidence import Tested, basis_of, left_over
+from drake_stiffness.diagnosis.naming import (
+    Remaining,
+    Round,
+    best_variant,
+    confounded_with,
+    refine,
+    remaining,
+    try_all,
+)
+from drake_stiffness.diagnosis.signatures import Scene, extended, signature
 from drake_stiffness.diagnosis.suspects import Suspect
 from drake_stiffness.effects import Effect
 from drake_stiffness.errors import InputError, UntrustworthyError
@@ -29,6 +37,8 @@ _NEARLY_AS_GOOD = 0.8
 _LATER = 0.2
 # At the place of a named effect: signatures as like as this, and explaining less than this share, are a rest of it.
 _SAME_PHYSICS, _WEAKER = 0.4, 0.3
+# A suspect of the named kind elsewhere that explains this share of it is a rival.
+_RIVAL = 0.5
 # Effects whose signatures have a correlation above this are held up again once both are there.
 _ALIKE_ABOVE = 0.2
 
@@ -70,6 +80,8 @@ class Search:
     left : Remaining
         What the final model leaves.
     faults : dict of name to reason
+    tried : list of Suspect
+        All that were held against the base model or a later one.
     """
 
     base: Solution
@@ -79,6 +91,7 @@ class Search:
     last: Round
     left: Remaining
     faults: dict[str, str]
+    tried: list[Suspect]
 
 
 @dataclass(frozen=True, eq=False)
@@ -159,7 +172,7 @@ def search(base: Solution, o: Observations, found: list[Suspect], seed: int, pro
             named = _hold_up_again(bench, named, faults)
     named = _evidence_of_each(bench, named)
     effects = _effects(named)
-    return Search(base, bench.fit(effects), tuple(named), first, last, bench.left(effects), faults)
+    return Search(base, bench.fit(effects), tuple(named), first, last, bench.left(effects), faults, found)
 
 
 def most_convincing(passed: Sequence[Tested]) -> Tested | None:
@@ -245,9 +258,20 @@ def _evidence_of_each(bench: Bench, named: list[Named]) -> list[Named]:
         around = try_all(bench.left(_effects(others)), found, bench.seed)
         able = [*around.passed, *around.failed]
         own = next((t for t in able if t.suspect.name == n.tested.suspect.name), n.tested)
+        able = [_refined(bench.left(_effects(others)), t, own) for t in able]
         same = confounded_with(own, able, per_dof)
         out.append(replace(n, tested=own, confounded=tuple(same), level=around.level))
     return sorted(out, key=lambda n: -n.tested.gain)
+
+
+def _refined(left: Remaining, t: Tested, own: Tested) -> Tested:
+    """A rival of the named kind, its constants as good as they can be: the named one had its refined too."""
+    if t.suspect.kind != own.suspect.kind or t is own or t.explained < _RIVAL * own.explained:
+        return t
+    effect = refine(left, t)
+    rest = left_over(signature(left.scene, effect), left.Q)
+    again = best_variant(left, Suspect(t.suspect.kind, t.suspect.where, (effect,)), (rest,), (basis_of(rest),))
+    return t if again is None else replace(again, suspect=again.suspect, gain=t.gain)
 
 
 def _fixed(suspect: Suspect, n: Named) -> Suspect:

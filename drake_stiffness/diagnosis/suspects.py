@@ -9,9 +9,10 @@ import numpy as np
 from drake_stiffness.campaign import Measurements
 from drake_stiffness.effects import Effect, effect_kinds
 from drake_stiffness.effects.compliance import Spring
-from drake_stiffness.effects.effect import Need
+from drake_stiffness.effects.effect import Need, Parameter
 from drake_stiffness.model import Model
 from drake_stiffness.rotations import Array
+from drake_stiffness.structure import acts_on_joints
 
 # Two loads are along one line when the sine of the angle between them is below this.
 _ALONG = 0.02
@@ -40,6 +41,8 @@ class Suspect:
 
     def makes_sense_beside(self, present: set[tuple[str, str]]) -> bool:
         """Whether what it refines is there: a tooth mesh that modulates no compliance is none."""
+        if acts_on_joints(self.variants[0]) and not any(kind.endswith("_compliance") for kind, _ in present):
+            return False  # a torque on an arm that nowhere bends moves nothing
         refined = self.variants[0].refines
         return refined is None or (refined, self.where) in present
 
@@ -58,10 +61,30 @@ def suspects(model: Model) -> list[Suspect]:
     present = {(effect.kind, effect.where) for effect in model.effects}
     found: dict[tuple[str, str], list[Effect]] = {}
     for cls in effect_kinds().values():
-        for effect in cls.candidates(model.arm, model.points):
+        for effect in _candidates(cls, model):
             if (effect.kind, effect.where) not in present:
                 found.setdefault((effect.kind, effect.where), []).append(effect)
     return [Suspect(kind, where, tuple(variants)) for (kind, where), variants in found.items()]
+
+
+class Unlisted(Effect):
+    """Stands for a kind that fails to list its places; it fails again when it is tried, and the report says so."""
+
+    def __init__(self, cls: type[Effect], error: Exception) -> None:
+        super().__init__("all its places")
+        self.kind, self.error = cls.kind, error  # type: ignore[misc]
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        raise self.error
+
+
+def _candidates(cls: type[Effect], model: Model) -> list[Effect]:
+    try:
+        return list(cls.candidates(model.arm, model.points))
+    except Exception as error:
+        # A kind is anybody's code: it fails alone.
+        return [Unlisted(cls, error)]
 
 
 def lacking(m: Measurements, displacement: bool) -> dict[Need, str]:
@@ -118,7 +141,7 @@ def separate_untestable(
 ) -> tuple[list[Suspect], list[Untestable]]:
     """Suspects that the campaign can show, and the others with what it lacks for them."""
     missing = lacking(m, displacement)
-    if any(isinstance(effect, Spring) for effect in model.effects):
+    if displacement and any(isinstance(effect, Spring) for effect in model.effects):
         missing["known_springs"] = "compliances known from elsewhere: a common factor on all of them does the same"
     testable, untestable = [], []
     for suspect in found:

@@ -81,15 +81,15 @@ def ruled_out_section(result: Diagnosed) -> h.Markup:
     limits: dict[str, list[Mapping[str, Any]]] = defaultdict(list)
     for limit in result.document["not_detectable_above"]:
         limits[limit["kind"]].append(limit)
-    rows = [(kind, _places(own), *_limits(limits[kind])) for kind, own in sorted(places.items())]
-    header = ("kind", "tried at", "found above, µm rms", "that is")
+    rows = [(kind, *_limits(limits[kind]), _places(own)) for kind, own in sorted(places.items())]
+    header = ("kind", "found above, µm rms", "that is", "tried at")
     parts: list[object] = [
         h.paragraph(
             "Tried with the named effects in the model, and not needed: nothing that noise would not do as well. Absent means below what "
             "this campaign can see: an effect of the stated size (the displacement it makes, at the best and at the worst place) would "
             "have been found nine times in ten."
         ),
-        h.table(header, rows, align="llrl") if rows else h.paragraph("Nothing was tried."),
+        h.table(header, rows, align="lrll") if rows else h.paragraph("Nothing was tried."),
         h.section("Untestable", _untestable(result.document["untestable"]), level=3),
     ]
     return h.section("Ruled out", *parts)
@@ -142,8 +142,8 @@ def next_section(plan: Mapping[str, Any] | None) -> h.Markup:
         ]
         header = ("effect", "rival", "sigma between them now", "expected with the plan")
         parts.append(h.table(header, rows, align="llrr"))
-    header, rows = _postures(plan["plan_csv"])
-    parts.append(h.table(header, rows, caption="Postures of the plan; loads and order stand in the file."))
+    joints, postures = _postures(plan["plan_csv"])
+    parts.append(h.table(joints, postures, caption="Postures of the plan; loads and order stand in the file."))
     content = base64.b64encode(plan["plan_csv"].encode()).decode("ascii")
     link = f'<p><a download="PLAN.csv" href="data:text/csv;base64,{content}">PLAN.csv</a> (measurements.csv without readings)</p>'
     parts.append(h.Markup(link))

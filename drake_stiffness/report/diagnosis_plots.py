@@ -32,8 +32,10 @@ _BEHIND = {"facecolor": "white", "edgecolor": "none", "pad": 1.0, "alpha": 0.8}
 def gap_figure(gap: dict[str, Any], changed: bool) -> str:
     """Bars before and after (one bar where nothing changed), of fitted and held-out readings, and what noise alone leaves."""
     made, ax = f.new(2.3 if changed else 1.7)
-    rows = (("fitted readings", "before_rms_mm", "after_rms_mm"),)
-    rows += (("held-out readings", "held_out_before_rms_mm", "held_out_after_rms_mm"),)
+    rows = (
+        ("fitted readings", "before_rms_mm", "after_rms_mm"),
+        ("held-out readings", "held_out_before_rms_mm", "held_out_after_rms_mm"),
+    )
     top = max(gap[key] for _, *keys in rows for key in keys)
     for place, (_, before, after) in enumerate(rows):
         bars = ((-0.2, before, BEFORE, "before"), (0.2, after, AFTER, "after"))

@@ -63,8 +63,7 @@ def shapes(d: Diagnosis, n: Named) -> list[Shape]:
     if joints:
         return [_of_joint(scene, n.effect, i, joints, before, after, itself) for i in joints]
     if "time" in n.effect.needs:
-        hours = scene.cases.time_s / 3600
-        return [_of_axis(o, axis, hours, before, after, itself) for axis in range(3)]
+        return [_of_axis(scene, axis, before, after, itself) for axis in range(3)]
     return [_of_steps(o, before, after, itself)]
 
 
@@ -79,26 +78,24 @@ def without_effect(model: Model, effect: Effect) -> Model:
 def _of_joint(
     scene: Scene, effect: Effect, i: int, joints: list[int], before: Array, after: Array, itself: Array
 ) -> Shape:
-    arm, cases = scene.model.arm, scene.cases
+    arm = scene.model.arm
     name, slides = arm.joint_names[i], bool(arm.prismatic[i])
     project = _on_joint(scene, i)
     partner = next((k for k in joints if k != i), i)
     driver, x, per = _driver(scene, effect, partner)
-    values = [project(v) * 1e6 for v in (before, after)]
     # What runs with time has an offset of its own in every experiment, which displacements do not show.
     own = None if "time" in effect.needs else effect_deflection(scene, effect, i)
-    values.append((project(itself) if own is None else own) * 1e6)
+    parts = np.stack([project(before), project(after), project(itself) if own is None else own]) * 1e6
     unit, quantity = ("µm" if slides else "µrad"), f"deflection of {name}"
     branch = None
     if "unloading" in effect.needs:
         branch = branch_of(scene.carried.tau_joint[i] - scene.carried.weight_joint[i], scene)
     if per is not None:
         loaded = np.abs(per) > 0.2 * np.abs(per).max()
-        values = [v[loaded] / per[loaded] for v in values]
+        parts = parts[:, loaded] / per[loaded]
         x, unit = x[loaded], f"{unit} per {'kN' if arm.prismatic[partner] else 'kN m'}"
         branch = None if branch is None else branch[loaded]
-    assert x.size == values[0].size, cases.number
-    return Shape(f"{quantity}, {unit}", driver, x, *values, branch)
+    return Shape(f"{quantity}, {unit}", driver, x, parts[0], parts[1], parts[2], branch)
 
 
 def effect_deflection(scene: Scene, effect: Effect, i: int) -> Array | None:
@@ -153,12 +150,15 @@ def _on_joint(scene: Scene, i: int) -> Projection:
     return project
 
 
-def _of_axis(o: Observations, axis: int, hours: Array, before: Array, after: Array, itself: Array) -> Shape:
-    """One axis of all readings, the mean over the points of a step, against time."""
-    m = o.measurements
+def _of_axis(scene: Scene, axis: int, before: Array, after: Array, itself: Array) -> Shape:
+    """One axis of all readings, the mean over the points of a step, against time; displacements know it inside an experiment only."""
+    m = scene.o.measurements
+    driver, x = "time, h", m.cases.time_s / 3600
+    if scene.o.displacement:
+        driver, x = "time since the first step, min", _since_first(scene) / 60
     count = np.maximum(np.bincount(m.case, minlength=m.cases.number), 1)
-    mean = [np.bincount(m.case, v[axis], minlength=m.cases.number) / count * 1e6 for v in (before, after, itself)]
-    return Shape(f"{'xyz'[axis]} of all points, µm", "time, h", hours, *mean, None)
+    parts = [np.bincount(m.case, v[axis], minlength=m.cases.number) / count * 1e6 for v in (before, after, itself)]
+    return Shape(f"{'xyz'[axis]} of all points, µm", driver, x, parts[0], parts[1], parts[2], None)
 
 
 def _of_steps(o: Observations, before: Array, after: Array, itself: Array) -> Shape:
@@ -173,8 +173,8 @@ def _of_steps(o: Observations, before: Array, after: Array, itself: Array) -> Sh
         return np.asarray(dot / np.maximum(size, 1e-15) / points * 1e6)
 
     return Shape(
-        "part of the residual along the effect, µm",
-        "what the effect does to the step, rms over points, µm",
+        "residual along the effect, µm",
+        "effect on the step, µm rms",
         size / points * 1e6,
         along(before),
         along(after),

@@ -84,7 +84,7 @@ def draw(postures: int, seed: int, hold: dict[int, float] | None = None) -> Expe
     arm, room = arm_and_room()
     lower, upper = room.lower_deg.copy(), room.upper_deg.copy()
     for joint, angle in (hold or {}).items():
-        lower[joint], upper[joint] = angle, angle
+        lower[joint], upper[joint] = angle - 1e-3, angle + 1e-3
     room = replace(room, lower_deg=lower, upper_deg=upper)
     done = default_experiment(arm.chain, room, postures, np.random.default_rng(seed))
     c = done.course
