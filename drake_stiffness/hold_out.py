@@ -31,10 +31,10 @@ def posture_groups(cases: Cases) -> NDArray[np.int_]:
 def ordered_groups(m: Measurements) -> NDArray[np.int_]:
     """The same for measurements, numbered by the names of experiments: what is drawn from them must not depend on the order of rows."""
     groups = posture_groups(m.cases)
-    names = np.array(m.experiments)
-    first = [names[groups == g].min() for g in range(int(groups.max()) + 1)]
-    rank = np.empty(len(first), dtype=int)
-    rank[np.argsort(first)] = np.arange(len(first))
+    place = np.argsort(np.argsort(np.array(m.experiments)))
+    first = np.full(int(groups.max()) + 1, place.size)
+    np.minimum.at(first, groups, place)
+    rank = np.argsort(np.argsort(first))
     return rank[groups]
 
 

@@ -27,6 +27,10 @@ HIDDEN_BELOW = 0.05
 ZERO_BELOW = 1e-4
 
 
+# Singular values of unit columns, beside the first, that may be zeros: of analytic columns, and of difference quotients.
+_NEGLIGIBLE, _NEGLIGIBLE_COARSE = 1e-7, 1e-6
+
+
 @dataclass(frozen=True, eq=False)
 class Identifiability:
     """Seen and unseen directions of a whitened observation matrix, in units of the parameters' scales.
@@ -113,15 +117,15 @@ class Identifiability:
 def numerical_rank(singular: Array, coarse: bool) -> tuple[int, float]:
     """Rank and gap of a matrix with unit columns from its singular values, largest first.
 
-    The rank is where the largest drop is, among places where what follows is negligible beside the first.
+    The rank is where the largest drop is, among places where what follows is negligible beside the first. Robot descriptions print
+    right angles with seven digits or so; that lifts exact zeros to about 1e-8, which must not pass for something seen.
     """
     if not singular.size or singular[0] == 0:
         return 0, float("inf")
     floor = np.finfo(float).eps * singular.size
     relative = np.maximum(singular / singular[0], floor)
-    limit = 1e-8 if coarse else 1e-10
     below = np.append(relative[1:], floor)
-    places = np.flatnonzero(below < limit)
+    places = np.flatnonzero(below < (_NEGLIGIBLE_COARSE if coarse else _NEGLIGIBLE))
     if not places.size:
         return singular.size, float("inf")
     best = int(places[np.argmax(relative[places] / below[places])])

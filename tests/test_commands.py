@@ -749,3 +749,12 @@ def test_reports_are_one_self_contained_file(identified, tmp_path, command):
     for outside in ("http://", "https://", 'src="/', "file://"):
         assert f'src="{outside}' not in page
         assert f'href="{outside}' not in page
+
+
+def test_one_path_for_two_outputs_is_refused(tmp_path):
+    """One would replace the other without a word."""
+    twice = tmp_path / "out.json"
+    code, _, err = run("identify", KR270 / "campaign.yaml", "-o", twice, "--json", twice)
+    assert code == 2
+    assert "two outputs" in err
+    assert not twice.exists()

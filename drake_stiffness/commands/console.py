@@ -71,6 +71,11 @@ def json_of(content: object) -> str:
 
 def check_outputs(*paths: Path | None, inputs: tuple[Path, ...] = ()) -> None:
     """Say what is wrong with outputs before the work, not after it."""
+    given = [path.resolve() for path in paths if path is not None]
+    for twice in (path for i, path in enumerate(given) if path in given[:i]):
+        raise InputError(
+            f"{twice}: this is given for two outputs; one would replace the other. Give each a name of its own."
+        )
     for path in paths:
         if path is not None and any(path.resolve() == other.resolve() for other in inputs):
             raise InputError(f"{path}: this is an input; give the result another name, the original is needed again.")

@@ -17,11 +17,14 @@ from drake_stiffness.commands.console import (
     working,
     write,
 )
+from drake_stiffness.errors import InputError
 
 if TYPE_CHECKING:
     from rich.console import Console
 
+    from drake_stiffness.model import Model
     from drake_stiffness.restoration.restoration import Restoration
+    from drake_stiffness.task import Task
 
 # Columns of a terminal that has room for the rules.
 _WIDE = 150
@@ -52,6 +55,8 @@ def restore(
     stated = Sections() if sections is None else read_sections(sections)
     with working() as progress:
         task = None if campaign is None else read_task(campaign, progress)
+        if task is not None:
+            _check_origin(loaded, model, task)
         progress("restoring")
         result = restoration.restore(loaded, stated, None if task is None else task.observations())
         errors = None if task is None or not task.held.any() else restoration.held_out(loaded, result.model, task)
@@ -71,6 +76,18 @@ def restore(
     for line in result.notes:
         say(f"note: {line}")
     _show(console(), result, errors)
+
+
+def _check_origin(loaded: Model, model: Path, task: Task) -> None:
+    """Raise InputError unless the model was identified from this campaign's readings."""
+    from drake_stiffness.files import sha256
+
+    made = loaded.provenance.get("inputs", {}).get("measurements", {})
+    if made.get("sha256") != sha256(task.table_path):
+        raise InputError(
+            f"--campaign {task.path}: its readings ({task.table_path}) are not those that {model} was identified from "
+            f"({made.get('file', 'unknown')}, another SHA-256). Give the campaign of the model, or identify it again."
+        )
 
 
 def _show(console: Console, result: Restoration, errors: tuple[float, float] | None) -> None:

@@ -15,6 +15,7 @@ import numpy as np
 from drake_stiffness.diagnosis.naming import Remaining, Round
 from drake_stiffness.diagnosis.suspects import Suspect
 from drake_stiffness.effects import Effect
+from drake_stiffness.identifiability import HIDDEN_BELOW
 from drake_stiffness.rotations import Array
 
 POWER = 0.9
@@ -62,13 +63,13 @@ def _limit(left: Remaining, level: float, effect: Effect) -> Limit | None:
     o = left.scene.o
     S = left.columns_of(effect)
     rest = left.beside(S)
-    if not rest.any() or not np.isfinite(rest).all():
+    if not np.isfinite(rest).all():
         return None
-    # Directions that the model's own parameters mimic are not this effect's to show.
+    # Directions that the noise hides, or that the model's own parameters mimic, are not this effect's to show.
     _, s, Vt = np.linalg.svd(rest, full_matrices=False)
-    keep = s > 1e-6 * s[0]
+    keep = s > max(HIDDEN_BELOW, 1e-6 * float(s.max(initial=0.0)))
     p = int(keep.sum())
-    if left.dof <= p:
+    if not p or left.dof <= p:
         return None
     size = noncentrality(p, left.dof - p, level) * left.per_dof
     moves: Array = S[: 3 * o.measurements.case.size] @ (Vt[keep].T / s[keep])

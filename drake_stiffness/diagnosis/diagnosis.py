@@ -15,7 +15,7 @@ from drake_stiffness.diagnosis.locate import Place, by_part, floor_in_words, in_
 from drake_stiffness.diagnosis.naming import Remaining, try_all
 from drake_stiffness.diagnosis.outliers import MOST, Outlier, find_outlier, without
 from drake_stiffness.diagnosis.rigidity import NoiseShown, noise_shown
-from drake_stiffness.diagnosis.search import Named, Search, leaves, refit, search
+from drake_stiffness.diagnosis.search import MOST_EFFECTS, Named, Search, leaves, refit, search
 from drake_stiffness.diagnosis.signatures import Scene
 from drake_stiffness.diagnosis.suspects import Untestable, separate_untestable, suspects
 from drake_stiffness.effects import Effect
@@ -178,7 +178,9 @@ def _confirm(
     ratio = noise.ratio if noise.implausible else 1.0
     left_base = leaves(base, o)
     process_before, process_after = fit_process(left_base), fit_process(found.left)
-    found, withdrawn = _standing(found, base, o, wrong_forms(found.named, process_after))
+    found, withdrawn = _standing(found, base, o, wrong_forms(_own_rest(found), process_after))
+    # Where nothing shows the noise, what no smooth function gets below is the most that a gap can close to.
+    yard = ratio if noise.dof > 0 else max(1.0, float(np.sqrt(process_after.floor)))
     # An outlier among the held-out experiments proves nothing against a model; it is named, and the rest confirms.
     while (
         len(outliers) < _limit(data.fitted) + 1 and (worst := held_outlier(found.solution, o_held, ratio)) is not None
@@ -187,7 +189,7 @@ def _confirm(
         data = replace(data, held=without(data.held, worst.name))
         o_held = data.arrange(data.held)
     before, r_before = held_out(base, o_held, ratio)
-    doubtful = doubtful_names(found, before, held_out(found.solution, o_held, ratio)[0], ratio)
+    doubtful = doubtful_names(found, before, held_out(found.solution, o_held, yard)[0], yard)
     found, more = _standing(found, base, o, doubtful)
     withdrawn |= more
     process_after = fit_process(found.left)
@@ -204,7 +206,7 @@ def _confirm(
     if noise.dof <= 0:
         words = (words[0], words[1] + floor_in_words(process_after, o.sigma_p * 1e3))
     placebos = {n.tested.suspect.name: _placebo(found, n, base, o, task_seed(data.task)) for n in found.named}
-    verdict = judge(found, outliers, before, after, ratio)
+    verdict = judge(found, outliers, before, after, ratio, yard)
     return Diagnosis(
         verdict,
         found,
@@ -255,6 +257,14 @@ def _placebo(found: Search, n: Named, base: Solution, o: Observations, seed: int
     return placebo_share(leaves(refit(base.model, o, others), o), n.effect, seed)
 
 
+def _own_rest(found: Search) -> list[Named]:
+    """Named effects whose place holds nothing else: where the search stopped at its most, what is left there may be what it did not name."""
+    if len(found.named) < MOST_EFFECTS:
+        return list(found.named)
+    more = {place for t in found.last.passed if t.gain > 0 for place in t.suspect.where.split("+")}
+    return [n for n in found.named if not more & set(n.effect.where.split("+"))]
+
+
 def wrong_forms(named: Sequence[Named], process: Process) -> dict[str, str]:
     """Names that do not stand: where an effect was named, smooth functions of the same joint still explain much of the rest.
 
@@ -284,15 +294,18 @@ def _sorts(effect: Effect) -> set[str]:
     return {"angle"} if "positions" in effect.needs else {"load"}
 
 
-def judge(found: Search, outliers: tuple[Outlier, ...], before: HeldOut, after: HeldOut, noise_ratio: float) -> Verdict:
-    """The verdict (FORMATS: diagnosis.json)."""
+def judge(
+    found: Search, outliers: tuple[Outlier, ...], before: HeldOut, after: HeldOut, noise_ratio: float, yard: float
+) -> Verdict:
+    """The verdict (FORMATS: diagnosis.json); `yard` is the noise, over the stated one, that a gap can close to."""
     fits = min(_p_of_fit(found.left, noise_ratio), after.p_value) > _CONSISTENT / 2
     if fits:
         return "explained" if found.named or outliers else "consistent"
     if not found.named:
         return "unexplained"
-    closed = _closed(before, after, noise_ratio)
-    if closed >= _EXPLAINED:
+    closed = _closed(before, after, yard)
+    # Down to a noise that nothing but the fit itself shows is no explanation of all.
+    if closed >= _EXPLAINED and yard == noise_ratio:
         return "explained"
     return "partly_explained" if closed >= _PARTLY else "unexplained"
 

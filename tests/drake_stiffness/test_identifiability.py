@@ -62,6 +62,8 @@ def test_the_rank_is_where_the_singular_values_drop():
     assert numerical_rank(np.array([5.0, 1.0, 1e-3, 1e-14, 1e-15]), coarse=False)[0] == 3
     assert numerical_rank(np.array([5.0, 1.0, 1e-3]), coarse=False) == (3, float("inf"))
     assert numerical_rank(np.zeros(3), coarse=False)[0] == 0
+    # A robot description with right angles of seven digits: exact zeros come out at 1e-8.
+    assert numerical_rank(np.array([5.0, 0.042, 2.5e-8, 1.8e-9, 1e-15]), coarse=False)[0] == 2
     assert numerical_rank(np.array([1.0, 1e-5, 1e-9, 1e-16]), coarse=True)[0] in (2, 3)
 
 
