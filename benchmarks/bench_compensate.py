@@ -102,7 +102,7 @@ def time_rewrite(folder: Path) -> dict[str, Any]:
     start = time.perf_counter()
     program = read_program(folder / "program.src")
     parsed = time.perf_counter() - start
-    rewritten = rewrite(program, program.position_mm + 0.1, program.abc_deg, program.corrected)
+    rewritten = rewrite(program, program.position_mm + 0.1, program.orientation, program.corrected)
     write_whole(folder / "moved.src", rewritten.raw)
     return {"parse": parsed, "total": time.perf_counter() - start}
 

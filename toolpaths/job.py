@@ -12,9 +12,8 @@ from drake_stiffness.errors import InputError, NoEquilibriumError, Untrustworthy
 from drake_stiffness.model import Model
 from drake_stiffness.support import REFUSE_ABOVE, WARN_ABOVE, tool_support
 from toolpaths.compensation import Bench, Corrected, deviation, mirror, reach
-from toolpaths.formats import DIALECTS
-from toolpaths.loaded_path import fail, loaded_path, targets
-from toolpaths.orientation import abc_from_rotation
+from toolpaths.formats import read_again
+from toolpaths.loaded_path import as_programmed, fail, loaded_path, targets
 from toolpaths.postures import outside_limits
 from toolpaths.process import Process, check_frames, check_model
 from toolpaths.program import Program, Refusal, quantum_mm
@@ -81,7 +80,7 @@ def compensate(
     sigma, unsupported = _support(program, model, rows, postures.q, wrench)
     return Compensation(
         program=program,
-        raw=written.raw,
+        parts=written.parts,
         rows=rows,
         line=program.line[rows].astype(int),
         target_mm=program.position_mm[rows],
@@ -109,7 +108,8 @@ def _refuse(program: Program, refusals: tuple[Refusal, ...], keep: bool) -> None
     if not bad:
         return
     lines = "\n".join(
-        f"{program.path}, line {r.line}{f', column {r.column}' if r.column else ''}: {r.reason}" for r in bad[:20]
+        f"{r.path or program.path}, line {r.line}{f', column {r.column}' if r.column else ''}: {r.reason}"
+        for r in bad[:20]
     )
     more = f"\n... and {len(bad) - 20} more" if len(bad) > 20 else ""
     fatal = any(r.fatal for r in bad)
@@ -136,15 +136,15 @@ def _write(
     program: Program, process: Process, rows: NDArray[np.int_], result: Corrected, allow_insert: bool
 ) -> Rewritten:
     R_WB, p_WB = process.base
-    position, abc = program.position_mm.copy(), program.abc_deg.copy()
+    position, orientation = program.position_mm.copy(), program.orientation.copy()
     position[rows] = (result.p.T - p_WB) @ R_WB * 1e3
-    R = np.einsum("ji,jkn->nik", R_WB, result.R)
-    near = program.abc_deg[rows]
+    R = as_programmed(program, process, np.einsum("ji,jkn->nik", R_WB, result.R))
+    near = program.orientation[rows]
     known = np.isfinite(near).all(axis=1)
-    abc[rows[known]] = abc_from_rotation(R[known], near[known])
+    orientation[rows[known]] = program.convention.near(R[known], near[known])
     change = np.zeros(len(program), dtype=bool)
     change[rows] = True
-    return rewrite(program, position, abc, change, allow_insert=allow_insert)
+    return rewrite(program, position, orientation, change, allow_insert=allow_insert)
 
 
 def _read_back(
@@ -161,20 +161,12 @@ def _read_back(
     free: list[int],
 ) -> tuple[Floats, Floats]:
     """Predicted distance from the wanted place with the numbers as printed (N,), and how far they moved (N, 3) mm."""
-    printed = _parse_again(program, written.raw)
+    printed = read_again(program, written.parts)
     R, p = targets(printed, process, bench, result.q[:, 0])
     R_goal = np.where(only, R0.transpose(1, 2, 0), R[rows].transpose(1, 2, 0))
     q = reach(bench, result.q, R_goal, p[rows].T, free)
     off, _ = deviation(bench, q, wrench, R0.transpose(1, 2, 0), p0.T, only)
     return np.sqrt((off[:3] ** 2).sum(axis=0)), printed.position_mm[rows] - program.position_mm[rows]
-
-
-def _parse_again(program: Program, raw: bytes) -> Program:
-    dialect = next(d for d in DIALECTS if d.name == program.dialect)
-    printed = dialect.parse(raw, program.path)
-    if len(printed) != len(program):
-        raise AssertionError("the corrected program reads as another number of motions")  # a fault of ours: exit code 1
-    return printed
 
 
 def _support(

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from drake_stiffness.errors import InputError, UntrustworthyError
 from drake_stiffness.model import Model
 from toolpaths.compensation import Bench, bench_of
+from toolpaths.conventions import rotation_onto
 from toolpaths.forces import wrenches
-from toolpaths.orientation import rotation_from_abc
 from toolpaths.postures import Postures, along_path, outside_limits, singularity_margin
 from toolpaths.process import Process, external_positions, posture
 from toolpaths.program import Program
@@ -76,18 +76,34 @@ def loaded_path(program: Program, model: Model, process: Process, progress: Prog
 
 
 def targets(program: Program, process: Process, bench: Bench, start: Floats) -> tuple[Floats, Floats]:
-    """TCP poses (P, 3, 3), (P, 3) in the world of all rows of the program, m."""
+    """TCP poses (P, 3, 3), (P, 3) in the world of all rows of the program, m.
+
+    Where the program gives the tool's axis alone, the tool is turned about it as by the least turn from `start`.
+    """
     R_WB, p_WB = process.base
-    abc = program.abc_deg
-    known = np.asarray(np.isfinite(abc).all(axis=1))
-    R = R_WB @ rotation_from_abc(np.where(known[:, None], abc, 0.0))
-    # A table without angles is cut with the orientation that the posture has.
-    R[~known] = bench.commanded(start[:, None])[0][:, :, 0]
+    values = program.orientation
+    known = np.asarray(np.isfinite(values).all(axis=1))
+    R_start = bench.commanded(start[:, None])[0][:, :, 0]
+    R = np.broadcast_to(R_start, (len(program), 3, 3)).copy()  # without any angles: the orientation of the posture
+    R_B = program.convention.rotation(values[known])
+    if program.convention.axis_only:
+        axis = R_B[:, :, 2] @ R_WB.T
+        turn = rotation_onto(axis) @ rotation_onto((R_start @ process.spindle_axis)[None])[0].T
+        R[known] = turn @ R_start
+    else:
+        R[known] = R_WB @ R_B
     return R, program.position_mm * 1e-3 @ R_WB.T + p_WB
 
 
+def as_programmed(program: Program, process: Process, R_BT: Floats) -> Floats:
+    """Rotations (N, 3, 3) as the program's convention reads them, from those of the tool in the program's base frame."""
+    if not program.convention.axis_only:
+        return R_BT
+    return rotation_onto(R_BT @ process.spindle_axis)
+
+
 def _position_only(program: Program) -> NDArray[np.bool_]:
-    return np.asarray(program.position_only | ~np.isfinite(program.abc_deg).all(axis=1))
+    return np.asarray(program.position_only | ~np.isfinite(program.orientation).all(axis=1))
 
 
 def postures_on(

@@ -22,16 +22,16 @@ Bools = NDArray[np.bool_]
 
 @dataclass
 class Poses:
-    """What is wanted, what the program had, what would be printed: rows by the words X, Y, Z, A, B, C.
+    """What is wanted, what the program had, what would be printed: rows by the words of a pose (X, Y, Z, A, B, C in KRL).
 
     All in the unit of the token (the unit the program prints in). Mutable: withdrawing a row changes it.
     """
 
     active: Bools  # (N,) rows that are corrected
-    wanted: Floats  # (N, 6)
-    original: Floats  # (N, 6)
-    printed: Floats  # (N, 6) what the row's own tokens will read; meaningless where the row writes none
-    quantum: Floats  # (N, 6) worth of one printed digit of the row's own tokens, NaN where it writes none
+    wanted: Floats  # (N, 3 + K)
+    original: Floats  # (N, 3 + K)
+    printed: Floats  # (N, 3 + K) what the row's own tokens will read; meaningless where the row writes none
+    quantum: Floats  # (N, 3 + K) worth of one printed digit of the row's own tokens, NaN where it writes none
 
     @classmethod
     def of(cls, active: Bools, wanted: Floats, original: Floats, quantum: Floats) -> Poses:
@@ -59,7 +59,7 @@ def carried_pairs(source: Ints, also: Ints) -> Ints:
     Parameters
     ----------
     source
-        (N, 6) row whose token gives the value: the row itself where it writes the word, -1 where nothing known does.
+        (N, 3 + K) row whose token gives the value: the row itself where it writes the word, -1 where nothing known does.
     also
         (M, 3) further readings (row, word, source) of words that two rows could give, as at the end of an arc.
     """
@@ -163,7 +163,7 @@ def missing_words(poses: Poses, pairs: Ints, source: Ints, arc_end: Bools) -> It
     pairs
         (P, 3) rows, words and sources, ordered by row.
     source
-        (N, 6) main source of each word.
+        (N, 3 + K) main source of each word.
     arc_end
         (N,) rows that end an arc; the row before each is its auxiliary point.
     """

@@ -16,7 +16,6 @@ from drake_stiffness.errors import InputError
 from drake_stiffness.files import Document, read_yaml, sha256
 from drake_stiffness.model import Model
 from drake_stiffness.rotations import rpy_rotation
-from toolpaths.orientation import rotation_from_abc
 from toolpaths.program import FrameSetting, Program
 
 Floats = NDArray[np.float64]
@@ -67,6 +66,7 @@ class Process(Document):
     workpiece: Pose = Pose()
     posture_deg: tuple[float, ...] = Field(min_length=1)
     external_axes: dict[str, str] = Field(default_factory=dict)
+    tool_axis: Literal["x", "-x", "y", "-y", "z", "-z"] = "-z"
     reference: Literal["unloaded", "rigid"] = "unloaded"
     geometry: bool = False
     force: Force
@@ -77,6 +77,12 @@ class Process(Document):
     def path(self) -> Path:
         """The file it was read from; paths inside are relative to it."""
         return self._path
+
+    @property
+    def spindle_axis(self) -> Floats:
+        """(3,) direction from the tool's tip to the spindle in the TCP frame: what i, j, k of a CAM program say."""
+        axis = np.eye(3)["xyz".index(self.tool_axis[-1])]
+        return -axis if self.tool_axis.startswith("-") else axis
 
     @property
     def base(self) -> tuple[Floats, Floats]:
@@ -146,7 +152,7 @@ def check_frames(process: Process, program: Program, model: Model) -> None:
             )
         R, p = (R_WB, p_WB) if setting.what == "base" else (R_ET, p_ET)
         pose = np.array(setting.pose)
-        turn = R.T @ rotation_from_abc(pose[None, 3:])[0]
+        turn = R.T @ setting.convention.rotation(pose[None, 3:])[0]
         angle = np.degrees(np.arccos(np.clip((np.trace(turn) - 1) / 2, -1, 1)))
         distance = float(np.linalg.norm(pose[:3] - p * 1e3))
         if distance > _FRAME_MM or angle > max(_FRAME_DEG, 2e-6):

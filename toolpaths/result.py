@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -23,8 +24,8 @@ class Compensation:
     ----------
     program : Program
         As it was.
-    raw : bytes
-        The corrected program.
+    parts : tuple of bytes
+        The corrected program, one entry a file of it (`Program.parts`).
     rows : (N,)
         Rows of the program that were corrected.
     line : (N,)
@@ -57,7 +58,7 @@ class Compensation:
     """
 
     program: Program
-    raw: bytes
+    parts: tuple[bytes, ...]
     rows: NDArray[np.int_]
     line: NDArray[np.int_]
     target_mm: Floats
@@ -76,6 +77,16 @@ class Compensation:
     refusals: tuple[Refusal, ...]
     insertions: tuple[Insertion, ...]
     notes: list[str]
+
+    @property
+    def raw(self) -> bytes:
+        """The corrected file with the motions."""
+        return self.parts[0]
+
+    def files(self, output: Path) -> list[tuple[Path, bytes]]:
+        """What to write where: companions go beside the output under its name and their own suffix."""
+        paths = [output, *(output.with_suffix(Path(part.path).suffix) for part in self.program.parts[1:])]
+        return list(zip(paths, self.parts, strict=True))
 
     def to_dict(self) -> dict[str, Any]:
         """For `--json`."""

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from toolpaths.modal import NewWord, Poses, Withdrawal, carried_pairs, missing_words, settle
 from toolpaths.printed import print_like
-from toolpaths.program import WORDS, Program, Refusal
+from toolpaths.program import Program, Refusal
 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
@@ -40,8 +40,8 @@ class Rewritten:
 
     Attributes
     ----------
-    raw
-        The bytes to write.
+    parts
+        The bytes to write, one entry a file of the program.
     changed
         (N,) rows that have the wanted pose now (to half a printed digit; position only where the program says so).
         Every other row has exactly the pose it had (but see ``Program.free_orientation``).
@@ -51,14 +51,19 @@ class Rewritten:
         Words added, only with `allow_insert`.
     """
 
-    raw: bytes
+    parts: tuple[bytes, ...]
     changed: Bools
     refusals: tuple[Refusal, ...]
     insertions: tuple[Insertion, ...]
 
+    @property
+    def raw(self) -> bytes:
+        """The file with the motions."""
+        return self.parts[0]
+
 
 def rewrite(
-    program: Program, position_mm: Floats, abc_deg: Floats, change: Bools, *, allow_insert: bool = False
+    program: Program, position_mm: Floats, orientation: Floats, change: Bools, *, allow_insert: bool = False
 ) -> Rewritten:
     """Print wanted poses into a program.
 
@@ -70,8 +75,9 @@ def rewrite(
     ----------
     program
         As read by ``toolpaths.formats.read_program``.
-    position_mm, abc_deg
-        (N, 3) wanted poses; read only where `change` is true. `abc_deg` is not read where ``program.position_only``.
+    position_mm, orientation
+        (N, 3) and (N, K) wanted poses; read only where `change` is true. `orientation` is not read where
+        ``program.position_only``.
     change
         (N,) rows to change. Rows that carry no force or were refused by the reader stay, whatever this says.
     allow_insert
@@ -84,12 +90,11 @@ def rewrite(
         A wanted pose of a row to change is not finite.
     """
     active = np.asarray(change, dtype=bool) & program.corrected
-    original = np.concatenate([program.position_mm, program.abc_deg], axis=1)
-    wanted = np.concatenate([position_mm, abc_deg], axis=1)
+    original = program.pose
+    wanted = np.concatenate([position_mm, orientation], axis=1)
     wanted[program.position_only, 3:] = original[program.position_only, 3:]
-    read = np.concatenate(
-        [active[:, None].repeat(3, 1), (active & ~program.position_only)[:, None].repeat(3, 1)], axis=1
-    )
+    read = active[:, None] & np.ones_like(wanted, dtype=bool)
+    read[program.position_only, 3:] = False
     bad = np.flatnonzero((read & ~np.isfinite(wanted)).any(axis=1))
     if bad.size:
         raise ValueError(
@@ -104,9 +109,9 @@ def rewrite(
     withdrawn = settle(poses, pairs[~insertable], program.role)
     new_words = list(missing_words(poses, pairs[insertable], program.source, program.role == "end"))
     inserted = [(at, text) for at, text, _ in _insertions(program, new_words)]
-    raw = _spliced(program.raw, heapq.merge(_replacements(program, poses), ((at, at, text) for at, text in inserted)))
+    edits = heapq.merge(_replacements(program, poses), ((at, at, text) for at, text in inserted))
     return Rewritten(
-        raw=raw,
+        parts=_spliced(program.raw, edits, [part.end for part in program.parts]),
         changed=poses.active,
         refusals=tuple(_refusals(program, withdrawn)),
         insertions=tuple(listed for _, _, listed in _insertions(program, new_words)),
@@ -118,22 +123,37 @@ def _refusals(program: Program, withdrawn: list[Withdrawal]) -> Iterator[Refusal
     by_row = sorted(withdrawn, key=lambda withdrawal: withdrawal.row)
     for line, group in groupby(by_row, key=lambda withdrawal: int(program.line[withdrawal.row])):
         reasons = list(group)
-        words = tuple(WORDS[word] for word in sorted({word for reason in reasons for word in reason.missing}))
-        if words:
+        missing = sorted({word for reason in reasons for word in reason.missing})
+        words = tuple(program.words[word] for word in missing)
+        row = reasons[0].row
+        if words and program.written[row, missing[0]]:
+            # A stored point is written once and used more than once.
+            other, words = int(program.line[program.source[row, missing[0]]]), ()
+            text = (
+                f"goes to the same stored point as line {other}, and needs another correction there (other force or posture): "
+                "give each motion a point of its own"
+            )
+        elif words:
             text = (
                 f"the correction needs {', '.join(words)}, not written on this line (kept from an earlier one): "
                 "write it there, or allow words to be inserted"
             )
         else:
             other = int(program.line[reasons[0].would_move])
-            text = f"line {other} keeps words of this one and would move with its correction, though it must not"
+            shared = program.written[reasons[0].would_move].any() and program.source[reasons[0].would_move, 0] == row
+            text = (
+                f"line {other} goes to the same stored point, which must stay for it: give each motion a point of its own"
+                if shared
+                else f"line {other} keeps words of this one and would move with its correction, though it must not"
+            )
         yield Refusal(line, text, words)
 
 
 def _replacements(program: Program, poses: Poses) -> Iterator[tuple[int, int, bytes]]:
     """Start, end and new text of every token that reads differently now, in the order of the file."""
     # What was settled on is what is printed: a value in doubt between two digits must not be rounded a second time.
-    rows, words = np.nonzero(poses.active[:, None] & program.written & (poses.printed != poses.original))
+    own = program.source == np.arange(len(program), dtype=np.int32)[:, None]  # a stored point is printed once
+    rows, words = np.nonzero(poses.active[:, None] & own & (poses.printed != poses.original))
     spans = program.span[rows, words]
     order = np.argsort(spans[:, 0], kind="stable")
     values = poses.printed[rows, words][order]
@@ -152,10 +172,10 @@ def _insertions(program: Program, new_words: list[NewWord]) -> Iterator[tuple[in
         at, separator, gap, lower, first = _neighbour_style(program, row)
         text = b""
         for new in words:
-            name = WORDS[new.word].lower() if lower else WORDS[new.word]
+            name = program.words[new.word].lower() if lower else program.words[new.word]
             word = name.encode() + gap + b"%.*f" % (new.decimals, new.value)
             text += word + separator if first else separator + word
-        listed = Insertion(int(program.line[row]), tuple(WORDS[new.word] for new in words), text.decode())
+        listed = Insertion(int(program.line[row]), tuple(program.words[new.word] for new in words), text.decode())
         yield at, text, listed
 
 
@@ -173,17 +193,25 @@ def _neighbour_style(program: Program, row: int) -> tuple[int, bytes, bytes, boo
     return spans[-1][1], b",", b" ", lower, False
 
 
-def _spliced(raw: bytes, edits: Iterator[tuple[int, int, bytes]]) -> bytes:
-    """The bytes with the spans of ordered, disjoint edits replaced."""
+def _spliced(raw: bytes, edits: Iterator[tuple[int, int, bytes]], ends: list[int]) -> tuple[bytes, ...]:
+    """The bytes with the spans of ordered, disjoint edits replaced, cut where the files end; untouched files are the same bytes."""
+    parts = []
     out = bytearray()
-    done = 0
-    for start, end, text in edits:
-        if start < done:
-            raise ValueError(f"edits overlap at byte {start}")
-        out += raw[done:start]
-        out += text
-        done = end
-    if not done:
-        return raw
-    out += raw[done:]
-    return bytes(out)
+    done = begin = 0
+    edit = next(edits, None)
+    for end in ends:
+        touched = False
+        while edit is not None and edit[1] <= end:
+            start, stop, text = edit
+            if start < done:
+                raise ValueError(f"edits overlap at byte {start}")
+            out += raw[done:start]
+            out += text
+            done, touched = stop, True
+            edit = next(edits, None)
+        out += raw[done:end]
+        whole = len(ends) == 1
+        parts.append(bytes(out) if touched else raw if whole else raw[begin:end])
+        out.clear()
+        done = begin = end
+    return tuple(parts)

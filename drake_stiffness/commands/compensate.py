@@ -58,5 +58,5 @@ def compensate(
         from drake_stiffness.report import compensation_report
 
         page = compensation_report(result, loaded)
-    write((output, result.raw), (json, json_of(result.to_dict())), (report, page))
+    write(*result.files(output), (json, json_of(result.to_dict())), (report, page))
     text.show_compensation(console(), result, output)

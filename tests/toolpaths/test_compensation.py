@@ -313,7 +313,7 @@ def test_a_corrected_program_is_met_by_the_loaded_tool(pocket, model, tools):
         model,
         bench,
         rows,
-        rotation_from_abc(again.abc_deg)[rows],
+        rotation_from_abc(again.orientation)[rows],
         again.position_mm[rows] * 1e-3 + base,
         start,
         {},
@@ -323,7 +323,7 @@ def test_a_corrected_program_is_met_by_the_loaded_tool(pocket, model, tools):
     error = np.linalg.norm(p.T - wanted, axis=1) * 1e3
     assert error.max() < 0.001  # half a micrometre a word
     np.testing.assert_allclose(error, result.after_mm, atol=1e-6)
-    np.testing.assert_allclose(R.transpose(2, 0, 1), rotation_from_abc(pocket.abc_deg)[rows], atol=2.1e-5)
+    np.testing.assert_allclose(R.transpose(2, 0, 1), rotation_from_abc(pocket.orientation)[rows], atol=2.1e-5)
     np.testing.assert_allclose(result.correction_mm, again.position_mm[rows] - pocket.position_mm[rows])
     assert result.before_mm.min() > 0.5
 
@@ -338,10 +338,10 @@ def test_angles_stay_on_the_branch_of_the_program(model, tools):
     )
     result = run(program, model, tools.process())
     again = Krl().parse(result.raw, "test.src")
-    assert np.abs(again.abc_deg - program.abc_deg).max() < 0.1
-    assert (np.abs(again.abc_deg - program.abc_deg).max(axis=1) > 0.005).all()
+    assert np.abs(again.orientation - program.orientation).max() < 0.1
+    assert (np.abs(again.orientation - program.orientation).max(axis=1) > 0.005).all()
     # all four are one orientation, so the tool is turned alike to within the step of 10 mm
-    change = rotation_from_abc(again.abc_deg) @ rotation_from_abc(program.abc_deg).transpose(0, 2, 1)
+    change = rotation_from_abc(again.orientation) @ rotation_from_abc(program.orientation).transpose(0, 2, 1)
     assert np.abs(change - change[0]).max() < 2e-5
 
 
@@ -353,7 +353,7 @@ def test_rows_that_write_no_angles_get_positions_only_and_the_user_hears_of_it(m
     )
     result = run(program, model, tools.process())
     again = Krl().parse(result.raw, "test.src")
-    np.testing.assert_array_equal(again.abc_deg[:2], program.abc_deg[:2])
+    np.testing.assert_array_equal(again.orientation[:2], program.orientation[:2])
     assert np.abs(again.position_mm - program.position_mm).max(axis=1).min() > 0.5
     assert any("2 of 3 points write no orientation" in note for note in result.notes)
     assert b"LIN {X 110" not in result.raw
@@ -405,7 +405,7 @@ def test_a_correction_that_leaves_the_limits_is_refused(model, tools):
     free = run(program, model, tools.process())
     bench = bench_of(model, "unloaded", False)
     q0 = loaded_path.postures_on(
-        program, model, bench, free.rows, rotation_from_abc(program.abc_deg), np.array([[1.75, 0.0, 0.75]]),
+        program, model, bench, free.rows, rotation_from_abc(program.orientation), np.array([[1.75, 0.0, 0.75]]),
         np.radians([0, -70, 120, 0, -50, 0.0]), {},
     ).q[:, 0]  # fmt: skip
     moved = corrected(bench, q0[:, None], np.vstack([free.force_N.T, np.zeros((3, 1))])).q[:, 0] - q0

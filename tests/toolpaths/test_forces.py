@@ -207,6 +207,6 @@ def test_the_force_of_a_program_reaches_the_account(pocket, model, tools):
     """Tool axes: the direction turns with the tool from point to point, the size does not."""
     process = tools.process()
     result = job.compensate(pocket, model, process)
-    R = rotation_from_abc(pocket.abc_deg)[result.rows]
+    R = rotation_from_abc(pocket.orientation)[result.rows]
     np.testing.assert_allclose(result.force_N, R @ [240.0, 180.0, -400.0], atol=1e-9)
     assert np.ptp(result.force_N, axis=0).min() > 10

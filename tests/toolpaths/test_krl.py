@@ -21,7 +21,7 @@ def parse(raw):
 
 def moved(program, by_mm=(0.12, -0.34, 0.56), by_deg=(0.1, 0.2, -0.3), change=None, **options):
     change = np.ones(len(program), bool) if change is None else np.asarray(change)
-    return rewrite(program, program.position_mm + by_mm, program.abc_deg + by_deg, change, **options)
+    return rewrite(program, program.position_mm + by_mm, program.orientation + by_deg, change, **options)
 
 
 @pytest.mark.parametrize(
@@ -40,7 +40,7 @@ def test_spelling_does_not_change_a_pose(line):
     program = parse(line)
     assert not program.refusals
     np.testing.assert_array_equal(program.position_mm, [[1, 2, 3]])
-    np.testing.assert_array_equal(program.abc_deg, [[10, 20, 30]])
+    np.testing.assert_array_equal(program.orientation, [[10, 20, 30]])
     assert program.carries_force.all()
 
 
@@ -53,7 +53,7 @@ def test_ordinary_lines_read_the_same_by_the_general_reader(monkeypatch):
     quick = parse(raw)
     monkeypatch.setattr(krl, "_ORDINARY", krl.re.compile(b"(?!)"))
     general = parse(raw)
-    for name in ("line", "kind", "position_mm", "abc_deg", "external", "span", "source", "body", "refused"):
+    for name in ("line", "kind", "position_mm", "orientation", "external", "span", "source", "body", "refused"):
         np.testing.assert_array_equal(getattr(quick, name), getattr(general, name), err_msg=name)
     assert quick.refusals == general.refusals
 
@@ -61,7 +61,7 @@ def test_ordinary_lines_read_the_same_by_the_general_reader(monkeypatch):
 def test_words_not_written_keep_their_value():
     program = parse(FULL + b"LIN {Z 5}\nLIN {A 11, E1 4}\nLIN {X 2}\n")
     np.testing.assert_array_equal(program.position_mm, [[1, 2, 3], [1, 2, 5], [1, 2, 5], [2, 2, 5]])
-    np.testing.assert_array_equal(program.abc_deg[:, 0], [10, 10, 11, 11])
+    np.testing.assert_array_equal(program.orientation[:, 0], [10, 10, 11, 11])
     np.testing.assert_array_equal(program.external[:, 0], [np.nan, np.nan, 4, 4])
 
 

@@ -118,7 +118,7 @@ def tolerance(program):
 
 
 def poses(program):
-    return np.concatenate([program.position_mm, program.abc_deg], axis=1)
+    return np.concatenate([program.position_mm, program.orientation], axis=1)
 
 
 @settings(max_examples=150, deadline=None)
@@ -136,7 +136,9 @@ def test_the_reader_finds_the_tokens_that_the_generator_wrote(generated):
 def test_zero_correction_is_byte_identical(generated, allow_insert):
     raw = generated.text.encode("latin-1")
     program = parse(raw)
-    out = rewrite(program, program.position_mm, program.abc_deg, np.ones(len(program), bool), allow_insert=allow_insert)
+    out = rewrite(
+        program, program.position_mm, program.orientation, np.ones(len(program), bool), allow_insert=allow_insert
+    )
     assert out.raw == raw
     assert out.refusals == ()
     assert out.insertions == ()
@@ -148,7 +150,7 @@ def test_only_numbers_of_corrected_poses_change_and_they_keep_their_decimals(gen
     raw = generated.text.encode("latin-1")
     program = parse(raw)
     by, change = data.draw(corrections(len(program)))
-    out = rewrite(program, program.position_mm + by[:, :3], program.abc_deg + by[:, 3:], change)
+    out = rewrite(program, program.position_mm + by[:, :3], program.orientation + by[:, 3:], change)
     allowed = sorted(
         span
         for row, (kind, spans) in enumerate(generated.poses)
@@ -176,7 +178,7 @@ def test_reading_back_gives_the_wanted_pose_or_the_original_one(generated, allow
     out = rewrite(program, wanted[:, :3], wanted[:, 3:], change, allow_insert=allow_insert)
     back = parse(out.raw)
     expected = np.where(out.changed[:, None], wanted, poses(program))
-    expected[program.position_only, 3:] = program.abc_deg[program.position_only]
+    expected[program.position_only, 3:] = program.orientation[program.position_only]
     error = np.abs(poses(back) - expected)
     assert (np.isnan(error) == np.isnan(poses(program))).all()
     limit = np.where(out.changed[:, None], tolerance(back) * (1 + 1e-6) + 1e-9, 1e-9)
@@ -200,7 +202,7 @@ def test_reading_back_gives_the_wanted_pose_or_the_original_one(generated, allow
 def test_whole_poses_are_never_refused(generated, data):
     program = parse(generated.text.encode("latin-1"))
     by, change = data.draw(corrections(len(program)))
-    out = rewrite(program, program.position_mm + by[:, :3], program.abc_deg + by[:, 3:], change)
+    out = rewrite(program, program.position_mm + by[:, :3], program.orientation + by[:, 3:], change)
     if program.written.all():
         assert out.refusals == ()
         assert (out.changed == (change & program.corrected)).all()
@@ -213,5 +215,5 @@ def test_damaged_bytes_never_crash_the_reader(noise, where, generated):
     at = where % (len(raw) + 1)
     damaged = b"PTP HOME\n" + raw[:at] + noise + raw[at + len(noise) // 2 :]
     program = parse(damaged)
-    out = rewrite(program, program.position_mm + 0.3, program.abc_deg, np.ones(len(program), bool))
+    out = rewrite(program, program.position_mm + 0.3, program.orientation, np.ones(len(program), bool))
     assert out.raw.count(b"\n") == damaged.count(b"\n")

@@ -17,7 +17,7 @@ def parse(raw):
 
 
 def moved(program, by_mm, by_deg):
-    return rewrite(program, program.position_mm + by_mm, program.abc_deg + by_deg, np.ones(len(program), bool)).raw
+    return rewrite(program, program.position_mm + by_mm, program.orientation + by_deg, np.ones(len(program), bool)).raw
 
 
 def test_only_pose_numbers_change():
@@ -31,7 +31,7 @@ def test_only_pose_numbers_change():
     program = parse(raw)
     assert program.line.tolist() == [2, 4, 5]
     assert program.kind.tolist() == ["LIN", "PTP", "LIN"]
-    np.testing.assert_array_equal(program.abc_deg[0], [10, 20, 30])
+    np.testing.assert_array_equal(program.orientation[0], [10, 20, 30])
     assert moved(program, 0.0, 0.0) == raw
     expected = (
         raw.replace(b'"1.00"; 2.000;-0.0;7;30.0;20.0;10.0', b'"1.12"; 2.120;0.1;7;30.2;20.2;10.2')
@@ -44,7 +44,7 @@ def test_metres_and_radians_are_units_of_the_tokens():
     raw = b"x_m,y_mm,z_m,a_rad,b_rad,c_deg,e1_m,e2_rad\n1.0000,2.0,-0.5000,0.10000,0.20000,30.0,0.5,1\n"
     program = parse(raw)
     np.testing.assert_allclose(program.position_mm, [[1000, 2, -500]])
-    np.testing.assert_allclose(program.abc_deg, [[np.degrees(0.1), np.degrees(0.2), 30]])
+    np.testing.assert_allclose(program.orientation, [[np.degrees(0.1), np.degrees(0.2), 30]])
     np.testing.assert_allclose(program.external[0, :2], [500, np.degrees(1)])
     np.testing.assert_allclose(quantum_mm(program), 0.05)
     np.testing.assert_allclose(quantum_deg(program), 0.05)
@@ -56,7 +56,7 @@ def test_without_orientation_columns_the_position_alone_is_corrected():
     program = parse(b"x_mm,y_mm,z_mm\n1.0,2.0,3.0\n")
     assert program.position_only.all()
     assert program.corrected.all()
-    assert np.isnan(program.abc_deg).all()
+    assert np.isnan(program.orientation).all()
     assert moved(program, 0.2, 0.0) == b"x_mm,y_mm,z_mm\n1.2,2.2,3.2\n"
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Protocol
 
@@ -24,8 +25,11 @@ class Dialect(Protocol):
     def recognises(self, raw: bytes, suffix: str) -> bool:
         """Whether a file is of this dialect, from its bytes first and its suffix (lower case, with dot) second."""
 
-    def parse(self, raw: bytes, path: str) -> Program:
-        """Read a whole program.
+    def companions(self, path: Path) -> tuple[Path, ...]:
+        """Files that hold points of this program and are read with it where they exist."""
+
+    def parse(self, raw: bytes, path: str, others: Sequence[tuple[str, bytes]] = ()) -> Program:
+        """Read a whole program and its companions (path and bytes of those that exist).
 
         A construct that cannot be corrected becomes a `Refusal`; InputError is for files without any use.
         """
@@ -55,6 +59,30 @@ def read_program(path: str | Path, dialect: str | None = None) -> Program:
     chosen = next((d for d in DIALECTS if d.name == dialect), None)
     if dialect is not None and chosen is None:
         raise InputError(f"{path}: dialect {dialect!r} is not known; expected one of: {known}")
+    raw = _read(path, known)
+    if chosen is None:
+        chosen = next((d for d in DIALECTS if d.recognises(raw, path.suffix.lower())), None)
+    if chosen is None:
+        start = raw[:40].decode("ascii", "backslashreplace")
+        raise InputError(
+            f"{path}: the content is of no known dialect; found {start!r} at its start, expected one of: {known}. "
+            "Name the dialect if it is one of these, or export the program in one of them"
+        )
+    others = [(str(other), _read(other, known)) for other in chosen.companions(path) if other.is_file()]
+    return chosen.parse(raw, str(path), others)
+
+
+def read_again(program: Program, parts: Sequence[bytes]) -> Program:
+    """A program with other bytes in its files, read by the same dialect."""
+    dialect = next(d for d in DIALECTS if d.name == program.dialect)
+    others = [(part.path, raw) for part, raw in zip(program.parts[1:], parts[1:], strict=True)]
+    again = dialect.parse(parts[0], program.path, others)
+    if len(again) != len(program):
+        raise AssertionError("the corrected program reads as another number of motions")  # a fault of ours: exit code 1
+    return again
+
+
+def _read(path: Path, known: str) -> bytes:
     try:
         raw = path.read_bytes()
     except OSError as error:
@@ -67,12 +95,4 @@ def read_program(path: str | Path, dialect: str | None = None) -> Program:
         raise InputError(f"{path}: {len(raw)} bytes; expected less than 2 GiB. Split the program")
     if not raw.strip(b"\0 \t\r\n"):
         raise InputError(f"{path}: the file holds only NUL bytes and blanks; expected a robot program. Export it again")
-    if chosen is None:
-        chosen = next((d for d in DIALECTS if d.recognises(raw, path.suffix.lower())), None)
-    if chosen is None:
-        start = raw[:40].decode("ascii", "backslashreplace")
-        raise InputError(
-            f"{path}: the content is of no known dialect; found {start!r} at its start, expected one of: {known}. "
-            "Name the dialect if it is one of these, or export the program in one of them"
-        )
-    return chosen.parse(raw, str(path))
+    return raw

@@ -10,6 +10,8 @@ from __future__ import annotations
 
 import math
 import re
+from collections.abc import Sequence
+from pathlib import Path
 
 from drake_stiffness.errors import InputError
 from toolpaths.formats.krl_statements import (
@@ -24,11 +26,12 @@ from toolpaths.formats.krl_statements import (
     without_strings,
 )
 from toolpaths.formats.krl_words import Aggregate, Unreadable, code_end, read_aggregate, shown
-from toolpaths.program import WORDS, FrameSetting, Program, ProgramBuilder, Refusal
+from toolpaths.program import FrameSetting, Program, ProgramBuilder, Refusal
 
 # Approximation, and the settings of a spline segment.
 _TAIL = re.compile(rb"(?:[\s,]*C_(?:DIS|VEL|ORI|PTP|SPL)\b)*(?:\s+WITH\b.*)?\s*", re.IGNORECASE | re.DOTALL)
 _ARC_ANGLE = re.compile(rb"\s*,\s*CA\b\s*=?\s*[^,{}\s]+", re.IGNORECASE)
+WORDS = ("X", "Y", "Z", "A", "B", "C")
 _NUMBER = rb"([+-]?(?:\d{1,9}\.?\d{0,20}|\.\d{1,20}))"
 
 
@@ -54,7 +57,11 @@ class Krl:
         """An ``&ACCESS`` header, a ``DEF name(`` or a motion with an aggregate; or a file named ``.src``."""
         return suffix == ".src" or CONTENT.search(raw) is not None
 
-    def parse(self, raw: bytes, path: str) -> Program:
+    def companions(self, path: Path) -> tuple[Path, ...]:
+        """None."""
+        return ()
+
+    def parse(self, raw: bytes, path: str, others: Sequence[tuple[str, bytes]] = ()) -> Program:
         """Read a source; see ``toolpaths.formats.Dialect``.
 
         Raises

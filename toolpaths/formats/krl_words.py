@@ -6,7 +6,7 @@ import re
 from typing import NamedTuple
 
 from toolpaths.printed import read_number
-from toolpaths.program import NO_SPANS, UNWRITTEN
+from toolpaths.program import UNWRITTEN
 
 POSE_WORDS = (b"X", b"Y", b"Z", b"A", b"B", b"C")
 EXTERNAL_WORDS = tuple(b"E%d" % n for n in range(1, 7))
@@ -82,7 +82,7 @@ def read_aggregate(raw: bytes, start: int, end: int) -> Aggregate:
         raise Unreadable(typed.start(1), f"the type {shown(raw, *typed.span(1))!r}, not one of a pose")
     body = start + 1 if typed is None else typed.end()
     tokens: list[bytes | None] = [None] * 12
-    spans = list(NO_SPANS)
+    spans = [UNWRITTEN] * len(POSE_WORDS)
     seen: set[bytes] = set()
     at = body
     while at <= close:

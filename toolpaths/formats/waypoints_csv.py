@@ -8,13 +8,15 @@ from __future__ import annotations
 
 import math
 import re
+from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 
 from drake_stiffness.errors import InputError
 from toolpaths.printed import NUMBER, read_number
-from toolpaths.program import UNWRITTEN, WORDS, Program, ProgramBuilder
+from toolpaths.program import UNWRITTEN, Program, ProgramBuilder
 
 LENGTH_UNITS = {"mm": 1.0, "m": 1000.0}
 ANGLE_UNITS = {"deg": 1.0, "rad": 180.0 / math.pi}
@@ -47,7 +49,11 @@ class WaypointsCsv:
         """A header line with an ``x_mm`` or ``x_m`` column, or a file named ``.csv``."""
         return suffix == ".csv" or _HEADER.match(raw) is not None
 
-    def parse(self, raw: bytes, path: str) -> Program:
+    def companions(self, path: Path) -> tuple[Path, ...]:
+        """None."""
+        return ()
+
+    def parse(self, raw: bytes, path: str, others: Sequence[tuple[str, bytes]] = ()) -> Program:
         """Read all rows; see ``toolpaths.formats.Dialect``.
 
         Raises
@@ -129,7 +135,7 @@ class _Table:
         where = f"{self.path}: line {line}"
         if len(cells) != layout.width:
             return InputError(f"{where}: found {len(cells)} cells, expected {layout.width} as in the header")
-        names = [*(w.lower() for w in WORDS), *(f"e{n}" for n in range(1, 7))]
+        names = [*"xyzabc", *(f"e{n}" for n in range(1, 7))]
         for axis, column in zip(names, (*layout.pose, *layout.external), strict=True):
             if column is not None and read_number(cells[column].strip(b' \t"')) is None:
                 found = _shown(cells[column])
