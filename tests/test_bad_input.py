@@ -6,21 +6,15 @@ case can leave an output, half an output or a temporary file.
 
 from __future__ import annotations
 
-import contextlib
-import io
 import json
-import logging
 import os
 import re
-import sys
-from dataclasses import dataclass
 from pathlib import Path
-from unittest import mock
 
 import numpy as np
 import pytest
+from command_line import Outcome, call
 
-from drake_stiffness import cli
 from drake_stiffness.jobs import identify_campaign
 
 KR270 = Path(__file__).parents[1] / "examples" / "kr270"
@@ -36,32 +30,6 @@ COMMANDS = {
         *("-o", "out/program.src", "--json", "out/result.json"),
     ),
 }  # fmt: skip
-
-
-@dataclass(frozen=True)
-class Outcome:
-    code: int
-    out: str
-    err: str
-
-
-def call(*arguments: str) -> Outcome:
-    """A command in this process, as its entry point runs it."""
-    out, err = io.StringIO(), io.StringIO()
-    logger = logging.getLogger("drake_stiffness")
-    before = logger.handlers, logger.propagate
-    try:
-        with (
-            mock.patch.object(sys, "argv", ["drake-stiffness", *arguments]),
-            mock.patch.dict(os.environ, {"DRAKE_STIFFNESS_DEBUG": "", "COLUMNS": "200"}),
-            contextlib.redirect_stdout(out),
-            contextlib.redirect_stderr(err),
-            pytest.raises(SystemExit) as end,
-        ):
-            cli.main()
-    finally:
-        logger.handlers, logger.propagate = before
-    return Outcome(int(end.value.code or 0), out.getvalue(), err.getvalue())
 
 
 class Job:

@@ -10,6 +10,7 @@ import sys
 from pathlib import Path
 
 import pytest
+from command_line import call
 
 ROOT = Path(__file__).parents[1]
 PAGES = ["README.md", *sorted(f"docs/{page.name}" for page in (ROOT / "docs").glob("*.md"))]
@@ -48,9 +49,8 @@ def test_every_command_of_the_pages_runs_as_written(bench):
     lines = commands()
     assert len(lines) >= 7
     for line in lines:
-        words = [sys.executable, "-m", "drake_stiffness.cli", *shlex.split(line)[1:]]
-        done = subprocess.run(words, cwd=bench, capture_output=True, text=True, check=False)
-        assert done.returncode == 0, f"{line}\n{done.stderr}"
+        done = call(*shlex.split(line)[1:], folder=bench)
+        assert done.code == 0, f"{line}\n{done.err}"
 
 
 def test_the_python_example_of_the_readme_runs_as_written(tmp_path):

@@ -37,6 +37,7 @@ def test_parameters_and_base_parameters_come_with_status_ends_and_eq_14(tmp_path
     ("args", "says"),
     [
         (("--parameter", "joint_1", "--all"), "give one of them"),
+        (("--base", "--all"), "--base --parameter joint_1"),
         (("--level", "95"), "between 0 and 1"),
         (("--json", "nowhere/at/all.json"), "does not exist"),
     ],

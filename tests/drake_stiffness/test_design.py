@@ -7,13 +7,14 @@ import pytest
 from three_arms import KR270
 
 from drake_stiffness.assembly import make_model, spring_effects
-from drake_stiffness.design.assumptions import assumed_model, suspected_effect
+from drake_stiffness.design.assumptions import assumed_model
 from drake_stiffness.design.criteria import Determinant
 from drake_stiffness.design.design import choose, choose_fewest, determines_all, fewest_for_rank, first_true
 from drake_stiffness.design.job import plan_measurements
 from drake_stiffness.design.settings import Design, Loads, read_design
 from drake_stiffness.design.space import make_criterion, path_gradients, prepare, unsupported_share
 from drake_stiffness.design.summary import predicted_ratios, summary, verdict
+from drake_stiffness.design.suspicion import suspected_effect, taken_for_granted
 from drake_stiffness.effects import Cases
 from drake_stiffness.errors import InputError, UntrustworthyError
 from drake_stiffness.files import json_text
@@ -130,6 +131,14 @@ def test_suspects_that_do_not_exist_or_cannot_be_told_apart_are_refused(kr270, c
         ("rust:joint_1", "Kinds: "),
         ("joint_zero_offset:joint_9", "joint_9"),
         ("joint_compliance:joint_1", "part of the cell's own model"),
+        (
+            "gravity_compensator:joint_1",
+            "would try gravity_compensator on this arm: joint_2, joint_3. Settings .* keys anchor_m, lever_m",
+        ),
+        ("gravity_compensator:joint_2:lever=0.3", "no setting 'lever'; its settings are anchor_m"),
+        ("gravity_compensator:joint_2:lever_m", "expected key=value"),
+        ("gravity_compensator:joint_2:lever_m=far", "lever_m.*finite numbers"),
+        ("payload:tool:mass=3", "it has no settings"),
     ):
         with pytest.raises(InputError, match=message):
             suspected_effect(text, kr270, cell)
@@ -137,6 +146,17 @@ def test_suspects_that_do_not_exist_or_cannot_be_told_apart_are_refused(kr270, c
     base = suspected_effect("joint_compliance:joint_1", joints, cell)
     with pytest.raises(InputError, match="equals that of compliances"):
         prepare(joints, 12, SMALL, suspect=base)  # the base link's k44 does what joint 1 does
+
+
+def test_a_suspect_has_the_settings_that_are_stated_and_the_first_that_diagnosis_tries_besides(kr270, cells):
+    stated = "gravity_compensator:joint_2:anchor_m=[0.3,0.1],lever_m=0.2"
+    effect = suspected_effect(stated, kr270, cells["kr270"])
+    assert effect.settings() == {"anchor_m": [0.3, 0.1], "lever_m": 0.2, "lever_deg": 0.0, "variant": "spring"}
+    assert taken_for_granted(stated, effect, kr270) is None
+    bare = suspected_effect("gravity_compensator:joint_2", kr270, cells["kr270"])
+    assert "would try 72 settings" in taken_for_granted("gravity_compensator:joint_2", bare, kr270)
+    offset = suspected_effect("joint_zero_offset:joint_2", kr270, cells["kr270"])
+    assert taken_for_granted("joint_zero_offset:joint_2", offset, kr270) is None
 
 
 def test_a_plan_for_a_program_predicts_its_displacement_best(space, kr270):

@@ -147,7 +147,7 @@ LEVEL = 2e-4
 
 def test_estimates_scatter_as_their_covariance_says(tmp_path, arms, cells, judges):
     arm, cell = arms["kr270"], cells["kr270"]
-    sigma, draws, rng = 12e-6, 250, np.random.default_rng(5)
+    sigma, draws, rng = 12e-6, 120, np.random.default_rng(5)
     cases = plan(arm, cell, 8, rng, [VERTICAL, SIDEWAYS], rest=2)
     p = judges["kr270"].positions(cases, points_of(cell), K6)
     m = table(tmp_path, cell, arm, cases, p)

@@ -95,10 +95,33 @@ def test_a_force_that_would_serve_two_steps_is_refused(folder):
     assert "window_s (20 s) smaller" in message
 
 
-def test_a_force_log_of_the_wrong_sign_is_noticed(folder):
-    forces = force_log(folder) | {"sign": 1}
-    result = import_readings(write_map(folder, readings=tracker_c(folder), forces=forces, start=START.isoformat()))
-    assert any("points the other way: set forces.sign: -1?" in line for line in result.warnings)
+@pytest.mark.parametrize(
+    ("wrong", "remedy"),
+    [
+        ({"sign": 1}, "-1 times the planned force. Write sign: -1 (found: 1)"),
+        ({"unit": "N"}, "0.001 times the planned force. Write unit: kN (found: N) under forces"),
+        ({"unit": "kgf", "sign": 1}, "Write unit: kN (found: kgf) and sign: -1 (found: 1)"),
+        ({"unit": "N", "zero_below_N": 20}, "Write unit: kN (found: N)"),
+    ],
+)
+def test_a_force_log_in_another_unit_or_sign_than_stated_is_refused_with_what_to_write(folder, wrong, remedy):
+    forces = force_log(folder) | wrong
+    assert remedy in refused(folder, readings=tracker_c(folder), forces=forces, start=START.isoformat())
+
+
+def test_a_force_log_that_no_unit_explains_is_taken_with_a_warning(folder):
+    """Half the planned force was hung, or the sensor's axes are others: nobody can tell which."""
+    rows = [row | {f"f{a}_N": f"{0.5 * float(row[f'f{a}_N'])}" for a in "xyz"} for row in rows_of(folder)]
+    for changed in ({"rows": rows}, {"turn": [0, 0, 0]}):
+        forces, readings = force_log(folder, **changed), tracker_c(folder)
+        result = import_readings(write_map(folder, readings=readings, forces=forces, start=START.isoformat()))
+        assert any("more than 20 % off the planned force at 16 of 16" in line for line in result.warnings)
+
+
+def test_a_wrong_entry_of_a_list_is_not_also_called_a_short_list(folder):
+    message = refused(folder, readings=tracker_a(folder) | {"unit": "cm"})
+    assert message.count("Mend this value") == 1
+    assert "at least 1 item" in refused(folder, readings=[])
 
 
 def test_a_log_whose_clock_is_late_by_a_step_is_noticed(folder):

@@ -1,5 +1,7 @@
 """Exports of trackers, force sensors and robots come back as the measurements they were."""
 
+import csv
+
 import numpy as np
 import pytest
 from tracker_exports import (
@@ -70,6 +72,14 @@ def test_a_force_log_is_matched_by_time_turned_and_taken_as_reaction(folder, arm
     result = import_readings(write_map(folder, readings=tracker_c(folder), forces=forces, start=START.isoformat()))
     same(folder, result, arms, cells)
     assert result.warnings == []
+
+
+def test_a_column_of_temperatures_comes_along(folder, arms, cells):
+    """Any column of numbers will do for a thermometer: here the clock."""
+    result = import_readings(write_map(folder, readings=tracker_a(folder) | {"temperature_degC": "Zeit"}))
+    same(folder, result, arms, cells)
+    for row in csv.DictReader((folder / "measurements.csv").open()):
+        assert float(row["temperature_degC"]) == pytest.approx(float(row["time_s"]), abs=0.006)
 
 
 def test_without_a_plan_the_logs_say_postures_and_loads(folder, arms, cells):

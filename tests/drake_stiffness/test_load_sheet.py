@@ -74,6 +74,12 @@ def test_newtons_are_kilograms_of_the_cells_gravity():
     assert load_words(np.zeros(6), DOWN) == "no load"
 
 
+def test_a_load_whose_components_a_plan_has_rounded_is_the_load_that_was_asked_for():
+    slanting = np.round(60 * np.array([np.sqrt(0.5), np.sqrt(0.5), 0, 0, 0, 0]), 3)
+    assert load_words(slanting, DOWN) == "60 N (6.116 kg) level, 45 deg from +x to +y"
+    assert load_words(np.array([0, 0, -12536.25, 0, 0.004, 0]), DOWN).startswith("12536.25 N (1278 kg) down, 0.004 N m")
+
+
 @pytest.fixture
 def sheet(tmp_path, arms, cells):
     arm, cell = arms["kr270"], cells["kr270"]

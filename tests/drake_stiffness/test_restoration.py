@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import json
+import shutil
 
 import numpy as np
 import pytest
@@ -140,6 +141,24 @@ def test_the_restored_model_predicts_held_out_postures_no_worse(kr270):
         simulate_readings(before, m.cases, m.case, m.point).p - simulate_readings(r.model, m.cases, m.case, m.point).p
     )
     assert rms_mm(shift - shift.mean(axis=1, keepdims=True)) < 0.02 * 24
+
+
+def test_only_the_campaign_that_a_model_was_identified_from_speaks_for_it(kr270, tmp_path):
+    """Whatever it is called and wherever it stands: what counts is its readings."""
+    model, _ = kr270
+    model.save(tmp_path / "model.json")
+    for name in ("cell.yaml", "campaign.yaml", "measurements.csv", "kr270.urdf"):
+        shutil.copy(KR270 / name, tmp_path)
+    words = ["restore", str(tmp_path / "model.json"), "-o", str(tmp_path / "r.json"), "--campaign"]
+    assert CliRunner().invoke(app, [*words, str(tmp_path / "campaign.yaml")]).exit_code == 0
+    (tmp_path / "r.json").unlink()
+    rows = (tmp_path / "measurements.csv").read_text().splitlines()
+    (tmp_path / "measurements.csv").write_text("\n".join(rows[:-1]) + "\n")
+    other = CliRunner().invoke(app, [*words, str(tmp_path / "campaign.yaml")])
+    assert isinstance(other.exception, InputError)
+    assert "are not those that" in str(other.exception)
+    assert "(measurements.csv, another SHA-256)" in str(other.exception)
+    assert not (tmp_path / "r.json").exists()
 
 
 def test_restored_entries_are_labelled_and_never_called_identified(kr270, tmp_path):

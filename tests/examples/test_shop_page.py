@@ -9,6 +9,7 @@ import sys
 from pathlib import Path
 
 import pytest
+from command_line import call
 
 ROOT = Path(__file__).parents[2]
 PAGE = (ROOT / "docs" / "shop.md").read_text()
@@ -29,9 +30,8 @@ def shop(tmp_path_factory):
     lines = [line for block in blocks("sh") for line in block.splitlines() if line.strip()]
     assert len(lines) == 3
     for line in lines:
-        words = [sys.executable, "-m", "drake_stiffness.cli", *shlex.split(line)[1:]]
-        done = subprocess.run(words, cwd=folder / "shop", capture_output=True, text=True, check=False)
-        assert done.returncode == 0, f"{line}\n{done.stderr}"
+        done = call(*shlex.split(line)[1:], folder=folder / "shop")
+        assert done.code == 0, f"{line}\n{done.err}"
         printed.append(done)
     return folder / "shop", printed
 
@@ -54,7 +54,7 @@ def test_what_the_tracker_and_the_sensor_wrote_comes_back_without_a_complaint(sh
     imported = json.loads((folder / "imported.json").read_text())
     assert (imported["rows"], imported["experiments"], imported["steps"]) == (210, 14, 70)
     assert imported["warnings"] == imported["unmatched"] == imported["dropped"] == imported["missing"] == []
-    assert printed[1].stderr == ""
+    assert printed[1].err == ""
 
 
 def test_the_model_fits_and_the_noise_is_told_apart_as_the_page_says(shop):
@@ -66,7 +66,7 @@ def test_the_model_fits_and_the_noise_is_told_apart_as_the_page_says(shop):
     assert found["posture_low_mm"] < 0.0365 < found["posture_high_mm"]
     assert found["posture_noise"] == "per_experiment"
     (block,) = [b for b in blocks("") if "Noise seen" in b]
-    assert "".join(block.split()) in "".join(printed[2].stdout.split())
+    assert "".join(block.split()) in "".join(printed[2].out.split())
 
 
 def test_the_exports_are_those_their_maker_writes(shop):
