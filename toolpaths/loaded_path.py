@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from drake_stiffness.errors import InputError, UntrustworthyError
 from drake_stiffness.model import Model
+from toolpaths.branches import flips_along
 from toolpaths.compensation import Bench, bench_of
 from toolpaths.conventions import rotation_onto
 from toolpaths.forces import wrenches
@@ -118,7 +119,8 @@ def postures_on(
 ) -> Postures:
     """Joints along the path, or the lines where there are none."""
     R_WE = R @ bench.R_ET.T
-    postures = along_path(model.arm, R_WE, p - np.einsum("nij,j->ni", R_WE, bench.p_ET), start, given)
+    p_WE = p - np.einsum("nij,j->ni", R_WE, bench.p_ET)
+    postures = along_path(model.arm, R_WE, p_WE, start, given, flips_along(program.status, rows))
     if not postures.reached.all():
         fail(program, rows[~postures.reached], "out of reach of the arm")
     outside = outside_limits(model.arm, postures.q)

@@ -9,6 +9,8 @@ import pytest
 
 from drake_stiffness.arm import forward
 from toolpaths import postures as p
+from toolpaths.analytic import six_axes
+from toolpaths.branches import continuous, flips_along, sides_of
 from toolpaths.postures import along_path, outside_limits, singularity_margin
 
 CUTTING = np.radians([0.0, -70.0, 120.0, 20.0, -50.0, 5.0])
@@ -133,7 +135,7 @@ def test_newton_finds_the_joints_that_eaik_finds(model, monkeypatch, number):
     q = smooth(model.arm, number, sweep=0.6)
     R, x = flange(model.arm, q)
     analytic = along_path(model.arm, R, x, CUTTING, {})
-    monkeypatch.setattr(p, "_analytic", lambda *_: None)
+    monkeypatch.setattr(p, "six_axes", lambda *_: None)
     newton = along_path(model.arm, R, x, CUTTING, {})
     assert (analytic.method, newton.method) == ("eaik", "newton")
     assert newton.reached.all()
@@ -142,7 +144,7 @@ def test_newton_finds_the_joints_that_eaik_finds(model, monkeypatch, number):
 
 def test_newton_follows_a_long_path_from_pose_to_pose(model, monkeypatch):
     """Joint 1 through 300 degrees, joint 6 through more than a turn: no pose is near the posture that picked the branch."""
-    monkeypatch.setattr(p, "_analytic", lambda *_: None)
+    monkeypatch.setattr(p, "six_axes", lambda *_: None)
     q = np.repeat(CUTTING[:, None], 400, axis=1)
     q[0], q[5] = np.radians(np.linspace(-150, 150, 400)), np.radians(np.linspace(-250, 250, 400))
     found = along_path(model.arm, *flange(model.arm, q), q[:, 0], {})
@@ -170,7 +172,7 @@ def test_an_arm_that_eaik_does_not_know_is_solved_by_newton(model):
 @pytest.mark.parametrize("method", ["eaik", "newton"])
 def test_poses_out_of_reach_are_the_only_ones_missing(model, monkeypatch, method):
     if method == "newton":
-        monkeypatch.setattr(p, "_analytic", lambda *_: None)
+        monkeypatch.setattr(p, "six_axes", lambda *_: None)
     q = smooth(model.arm, 10)
     R, x = flange(model.arm, q)
     x = x.copy()
@@ -186,7 +188,7 @@ def test_poses_out_of_reach_are_the_only_ones_missing(model, monkeypatch, method
 def test_a_pose_a_tenth_of_a_millimetre_out_of_reach_is_out_of_reach(model, monkeypatch, method):
     """Stretched to the full: the wrist's centre cannot go further out. eaik offers nearest misses; they are no answer."""
     if method == "newton":
-        monkeypatch.setattr(p, "_analytic", lambda *_: None)
+        monkeypatch.setattr(p, "six_axes", lambda *_: None)
     arm = replace(model.arm, lower=np.full(6, -7.0), upper=np.full(6, 7.0))
     straight = np.arctan2(0.041, 1.2)
     q = np.array([0.1, -0.6, -straight, 0.0, 0.4, 0.0])
@@ -265,3 +267,46 @@ def test_the_margin_does_not_depend_on_the_size_of_the_arm(model):
     doubled = replace(arm, p_PF=2 * arm.p_PF)
     q = smooth(arm, 5)
     np.testing.assert_allclose(singularity_margin(doubled, q), singularity_margin(arm, q), rtol=1e-9)
+
+
+# -- branches that the program names --------------------------------------------------------------------------------------
+
+
+def test_a_branch_that_the_program_changes_is_followed_and_the_others_are_kept(model):
+    """A point-to-point motion between two cuts turns the wrist over; the poses alone do not show it."""
+    arm = model.arm
+    q = smooth(arm, 40)
+    R, x = flange(arm, q)
+    status = np.full((42, 3), -1, dtype=np.int32)  # rows 0 and 21 are point-to-point motions
+    status[0], status[21] = (0, 1, 0), (0, 1, 1)
+    rows = np.setdiff1d(np.arange(42), [0, 21])
+    found = along_path(arm, R, x, CUTTING, {}, flips_along(status, rows))
+    assert found.reached.all()
+    np.testing.assert_allclose(found.q[:, :20], q[:, :20], atol=1e-8)
+    np.testing.assert_allclose(found.q[:3, 20:], q[:3, 20:], atol=1e-8)
+    np.testing.assert_allclose(found.q[4, 20:], -q[4, 20:], atol=1e-8)
+    assert np.abs(np.diff(found.q[:, 20:], axis=1)).max() < 0.1
+
+
+def test_sides_are_those_of_the_arm_not_of_its_zeros(model):
+    """The eight solutions of one pose are the eight ways to choose shoulder, elbow and wrist."""
+    arm = model.arm
+    R, x = flange(arm, CUTTING[:, None])
+    branches = six_axes(arm, [], list(range(6))).branches(R, x, CUTTING[:, None])
+    whole = branches[:, ~np.isnan(branches[0, :, 0]), 0]
+    sides = sides_of(arm, list(range(6)), whole)
+    assert whole.shape[1] == 8
+    assert len({tuple(column) for column in sides.T.tolist()}) == 8
+
+
+def test_a_flip_where_no_solution_is_belongs_to_the_next_row_that_has_one():
+    turned = np.zeros((6, 2, 4))
+    turned[4, 0], turned[4, 1] = 0.5, -0.5
+    turned[:, :, 1] = np.nan
+    sides = np.zeros((3, 2, 4), dtype=bool)
+    sides[2, 1] = True
+    flips = np.zeros((3, 4), dtype=bool)
+    flips[2, 1] = True
+    limit = np.full(6, 3.0)
+    found = continuous(turned, np.array([0, 0, 0, 0, 0.4, 0.0]), -limit, limit, sides, flips)
+    np.testing.assert_array_equal(found[4], [0.5, np.nan, -0.5, -0.5])

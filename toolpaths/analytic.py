@@ -1,0 +1,100 @@
+"""All branches of the inverse kinematics of six revolute joints, by eaik.
+
+eaik solves arms whose axes meet or are parallel as those of industrial arms do. Joints before the six (a track, a turntable
+that carries the arm) are driven by the program and move the six-joint arm as a whole.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drake_stiffness.arm import Arm, forward
+from drake_stiffness.rotations import logarithm, multiply
+
+Floats = NDArray[np.float64]
+
+# eaik returns nearest misses for poses out of reach; what it solves is good to well below this (m and rad).
+_NEAR = 1e-5
+
+
+@dataclass(frozen=True, eq=False)
+class SixAxes:
+    """An arm of which six revolute joints are solved for.
+
+    Attributes
+    ----------
+    arm : Arm
+    free : list of int
+        The six joints.
+    solver : eaik robot
+    R_zero, p_zero : (3, 3), (3,)
+        Flange pose with all joints at zero.
+    """
+
+    arm: Arm
+    free: list[int]
+    solver: Any
+    R_zero: Floats
+    p_zero: Floats
+
+    def branches(self, R_WE: Floats, p_WE: Floats, q: Floats) -> Floats:
+        """All solutions (6, B, N) in (-pi, pi], NaN where fewer exist.
+
+        Parameters
+        ----------
+        R_WE, p_WE : (N, 3, 3), (N, 3)
+            Flange poses.
+        q : (n, N)
+            The driven joints; the rows of the six are not read.
+        """
+        N = len(p_WE)
+        driven = q.copy()
+        driven[self.free] = 0.0
+        # Driven joints come first in the chain: they move the six-joint arm as a whole, by D(q) = X(q, 0) X(0, 0)^-1.
+        moved = forward(self.arm, driven)
+        R_D = np.einsum("ijn,kj->nik", moved.R_E, self.R_zero)
+        p_D = moved.p_E.T - np.einsum("nij,j->ni", R_D, self.p_zero)
+        poses = np.zeros((N, 4, 4))
+        poses[:, :3, :3] = np.einsum("nji,njk,lk->nil", R_D, R_WE, self.R_zero)
+        poses[:, :3, 3] = np.einsum("nji,nj->ni", R_D, p_WE - p_D)
+        poses[:, 3, 3] = 1.0
+        found = [s.Q for s in self.solver.IK_batched(poses, num_worker_threads=2)]
+        most = max((len(branch) for branch in found), default=0)
+        out = np.full((6, max(most, 1), N), np.nan)
+        for row, branch in enumerate(found):
+            if len(branch):
+                out[:, : len(branch), row] = np.asarray(branch).T
+        for b in range(out.shape[1]):
+            trial = driven.copy()
+            trial[self.free] = np.nan_to_num(out[:, b])
+            out[:, b, ~(pose_error(self.arm, trial, R_WE, p_WE)[1] < _NEAR)] = np.nan
+        return out
+
+
+def six_axes(arm: Arm, fixed: list[int], free: list[int]) -> SixAxes | None:
+    """The solver for an arm, or None where eaik does not know its geometry (or is not installed)."""
+    if len(free) != 6 or sorted(fixed) != list(range(len(fixed))) or any(arm.prismatic[i] for i in free):
+        return None
+    try:
+        from eaik.IK_HP import HPRobot
+    except ImportError:
+        return None
+    zero = forward(arm, np.zeros((arm.num_joints, 1)))
+    axes = np.stack([zero.axis[i][:, 0] for i in free])
+    points = np.stack([zero.p_J[i][:, 0] for i in free] + [zero.p_E[:, 0]])
+    solver = HPRobot(axes, np.diff(points, axis=0, prepend=np.zeros((1, 3))))
+    if not solver.hasKnownDecomposition():
+        return None
+    return SixAxes(arm, free, solver, zero.R_E[:, :, 0], zero.p_E[:, 0])
+
+
+def pose_error(arm: Arm, q: Floats, R_WE: Floats, p_WE: Floats) -> tuple[Floats, Floats]:
+    """Twist (6, N) from the present to the wanted flange pose, and its size."""
+    poses = forward(arm, q)
+    turn = logarithm(multiply(R_WE.transpose(1, 2, 0), poses.R_E.transpose(1, 0, 2)))
+    twist = np.concatenate([p_WE.T - poses.p_E, turn])
+    return twist, np.sqrt((twist**2).sum(axis=0))
