@@ -23,6 +23,7 @@ from drake_stiffness.commands.restore import restore
 from drake_stiffness.commands.shop import shop
 from drake_stiffness.commands.simulate import simulate
 from drake_stiffness.commands.single_link import single_link
+from drake_stiffness.commands.stiffness_map import stiffness_map
 from drake_stiffness.errors import InputError, UntrustworthyError
 
 # The matrices here are small: a second BLAS thread costs more than it brings, several times more on a busy machine.
@@ -47,6 +48,7 @@ app.command("diagnose")(diagnose)
 app.command("predict")(predict)
 app.command("intervals")(intervals)
 app.command("compensate")(compensate)
+app.command("map")(stiffness_map)
 app.command("single-link")(single_link)
 app.command("shop")(shop)
 app.command("import")(import_)

@@ -4,22 +4,27 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from drake_stiffness.errors import InputError, UntrustworthyError
 from drake_stiffness.model import Model
+from drake_stiffness.rotations import exponential
 from toolpaths.branches import flips_along
 from toolpaths.compensation import Bench, bench_of
 from toolpaths.conventions import rotation_onto
 from toolpaths.forces import wrenches
+from toolpaths.history import begins, path_order
 from toolpaths.postures import Postures, along_path, outside_limits, singularity_margin
 from toolpaths.process import Process, external_positions, posture
 from toolpaths.program import Program
+from toolpaths.spin import Ride, Spin, stiffest
 
 Floats = NDArray[np.float64]
 Progress = Callable[[str, int, int], None]
+SpinChoice = Literal["keep", "stiffest"]
 
 # Below this the arm is at a singularity (see `singularity_margin`): about half a degree of a straight wrist.
 SINGULAR_BELOW = 5e-3
@@ -40,6 +45,8 @@ class LoadedPath:
         At the TCP, world axes.
     only : (N,) bool
         Rows without an orientation of their own.
+    spin : Spin, optional
+        Turn of the tool about its axis, where it was chosen.
     """
 
     bench: Bench
@@ -49,10 +56,18 @@ class LoadedPath:
     postures: Postures
     wrench: Floats
     only: NDArray[np.bool_]
+    spin: Spin | None = None
 
 
-def loaded_path(program: Program, model: Model, process: Process, progress: Progress) -> LoadedPath:
+def loaded_path(
+    program: Program, model: Model, process: Process, progress: Progress, spin: SpinChoice = "keep"
+) -> LoadedPath:
     """Poses, postures and wrenches of all motions that carry force.
+
+    Parameters
+    ----------
+    spin : 'keep' or 'stiffest'
+        Whether the tool stays turned about its axis as the program says, or is turned so that the arm bends least.
 
     Raises
     ------
@@ -70,10 +85,61 @@ def loaded_path(program: Program, model: Model, process: Process, progress: Prog
     bench = bench_of(model, process.reference, process.geometry)
     R_all, p_all = targets(program, process, bench, start)
     given = external_positions(process, program, model, rows)
+    chosen = None
+    if spin == "stiffest":
+        progress("choosing the turn of the tool", 0, rows.size)
+        chosen = _stiffest(program, process, bench, rows, R_all, p_all, start, given)
+        R_all[rows] = R_all[rows] @ about(process.spindle_axis, chosen.angle_rad)
     progress("inverse kinematics", 0, rows.size)
     postures = postures_on(program, model, bench, rows, R_all[rows], p_all[rows], start, given)
     wrench = wrenches(process, program, rows, p_all, R_all[rows])
-    return LoadedPath(bench, rows, R_all[rows], p_all[rows], postures, wrench, _position_only(program)[rows])
+    bench = bench.on_path(path_order(begins(program, rows)))
+    return LoadedPath(bench, rows, R_all[rows], p_all[rows], postures, wrench, _position_only(program)[rows], chosen)
+
+
+def _stiffest(
+    program: Program,
+    process: Process,
+    bench: Bench,
+    rows: NDArray[np.int_],
+    R: Floats,
+    p: Floats,
+    start: Floats,
+    given: dict[int, Floats],
+) -> Spin:
+    """The stiffest turn along the corrected motions.
+
+    Raises
+    ------
+    InputError
+        If lines write no orientation, so that a turn could not be printed.
+    """
+    only = rows[_position_only(program)[rows]]
+    if only.size and not program.convention.axis_only:
+        raise InputError(
+            f"{program.path}, line {program.line[only[0]]}: --spin stiffest turns the tool, but {only.size} lines write no orientation of "
+            "their own (this is the first); write it in every motion, or keep the spin."
+        )
+    axis = process.spindle_axis
+    half_turn = R[rows] @ about(axis, np.full(rows.size, np.pi))
+    return stiffest(
+        Ride(
+            bench=bench,
+            R=R[rows],
+            p=p[rows],
+            axis=axis,
+            wrench=wrenches(process, program, rows, p, R[rows]),
+            wrench_turned=wrenches(process, program, rows, p, half_turn),
+            start=start,
+            given=given,
+            flips=flips_along(program.status, rows),
+        )
+    )
+
+
+def about(axis: Floats, angle: Floats) -> Floats:
+    """Rotations (N, 3, 3) by angles (N,) about one axis (3,)."""
+    return np.asarray(exponential(axis[:, None] * angle).transpose(2, 0, 1))
 
 
 def targets(program: Program, process: Process, bench: Bench, start: Floats) -> tuple[Floats, Floats]:
