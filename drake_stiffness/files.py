@@ -28,7 +28,7 @@ class Document(BaseModel):
     def _yes_is_no_number(cls, value: Any, info: ValidationInfo) -> Any:
         """YAML reads `yes` as a truth value, which pydantic would read as 1.0."""
         field = cls.model_fields[info.field_name] if info.field_name else None
-        if isinstance(value, bool) and field is not None and field.annotation is not bool:
+        if isinstance(value, bool) and field is not None and field.annotation not in (bool, bool | None):
             raise ValueError(
                 "expected another kind of value than a truth value (YAML reads yes and no, on and off as such)"
             )
@@ -122,8 +122,13 @@ def read_yaml(path: Path, document: type[D], what: str) -> D:
 
 def _teach(path: Path, error: ValidationError, document: type[Document]) -> str:
     """All of pydantic's findings, a line each: key path, value found, what was expected."""
-    lines = []
-    for finding in error.errors():
+    lines, findings = [], error.errors()
+    for finding in findings:
+        place = finding["loc"]
+        if finding["type"] == "too_short" and any(
+            other["loc"][: len(place)] == place for other in findings if other is not finding
+        ):
+            continue  # a list counts as short of the entries that are wrong, and those are said already
         keys = ".".join(str(part) for part in finding["loc"]) or "(top level)"
         if finding["type"] == "extra_forbidden":
             known = _known_keys(document, finding["loc"][:-1])
@@ -195,8 +200,8 @@ def write_whole(path: Path, data: bytes | str) -> None:
     write_together([(path, data)])
 
 
-def write_together(outputs: list[tuple[Path, bytes | str]]) -> None:
-    """Write several files so that all appear whole, or none.
+def write_together(outputs: list[tuple[Path, bytes | str | Path]]) -> None:
+    """Write several files so that all appear whole, or none; a path stands for a finished file beside it that is renamed.
 
     Raises
     ------
@@ -207,6 +212,9 @@ def write_together(outputs: list[tuple[Path, bytes | str]]) -> None:
     path = Path()
     try:
         for path, data in outputs:
+            if isinstance(data, Path):
+                staged.append((str(data), path))
+                continue
             with tempfile.NamedTemporaryFile(dir=path.parent, prefix=f".{path.name}.", delete=False) as stream:
                 staged.append((stream.name, path))
                 stream.write(data.encode() if isinstance(data, str) else data)

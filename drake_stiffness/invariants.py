@@ -30,6 +30,7 @@ from numpy.typing import NDArray
 
 from drake_stiffness.arm import Arm
 from drake_stiffness.identifiability import numerical_rank
+from drake_stiffness.right_angles import with_right_angles
 from drake_stiffness.rotations import Array
 from drake_stiffness.springs import Template, spring_template
 
@@ -143,7 +144,7 @@ def chain_rank(arm: Arm, bases: Sequence[Array]) -> tuple[int, float]:
     rank, gap
         The gap is that of the singular values around the rank.
     """
-    conditions = unseen_conditions(arm, bases)
+    conditions = unseen_conditions(with_right_angles(arm), bases)
     singular = np.linalg.svd(conditions / np.linalg.norm(conditions, axis=0), compute_uv=False)
     return numerical_rank(np.asarray(singular, dtype=float), coarse=False)
 

@@ -1,8 +1,9 @@
 """How readings change with the parameters: the observation matrix of seed eqs. (9), (23), reading by reading.
 
 Columns of linear springs are analytic, J omega J^T W at the undeflected posture. That makes them exactly the columns of the
-linear theory: redundancies stay exact and ranks have visible gaps. Where hardware turns a joint (a gravity compensator), what
-its spring carries includes that torque. All other effects get central differences of the loaded equilibrium.
+linear theory: redundancies stay exact and ranks have visible gaps, also where a description rounds right angles
+(`right_angles`). Where hardware turns a joint (a gravity compensator), what its spring carries includes that torque. All other
+effects get central differences of the loaded equilibrium.
 """
 
 from __future__ import annotations
@@ -17,6 +18,7 @@ from drake_stiffness.effects.compliance import Spring
 from drake_stiffness.effects.effect import Cases, Reading
 from drake_stiffness.equilibrium import solve_equilibrium
 from drake_stiffness.model import Model
+from drake_stiffness.right_angles import with_right_angles
 from drake_stiffness.rotations import Array, logarithm, multiply, rotate
 from drake_stiffness.simulation import read
 from drake_stiffness.structure import carried_with_hardware
@@ -78,7 +80,7 @@ class SpringColumns:
     """Columns J omega J^T W of linear springs at the undeflected posture (seed eq. 23), as the instruments see them."""
 
     def __init__(self, model: Model, cases: Cases, case: NDArray[np.int_], point: NDArray[np.str_]) -> None:
-        self.arm, self.case = model.structure.arm, case
+        self.arm, self.case = with_right_angles(model.structure.arm), case
         wrench = cases.wrench
         poses = forward(self.arm, cases.q)
         for effect, x in model.structure.wrench_effects:
@@ -105,6 +107,14 @@ class SpringColumns:
         out = np.zeros((len(effect.basis), 6, self.case.size))
         for unknown, i, j in zip(*np.nonzero(effect.basis), strict=True):
             out[unknown] += effect.basis[unknown, i, j] * J[i] * tau[j]
+        return self._passed_on(out)
+
+    def moves(self, number: int) -> Array:
+        """Change of the readings by each component of a deflection of a link's spring, (M, 6, 6)."""
+        return self._passed_on(np.array(link_jacobian(self.poses, number, self.p)))
+
+    def _passed_on(self, out: Array) -> Array:
+        """Columns (p, 6, M) as the instruments pass them on, (M, 6, p)."""
         if self.turn is not None:
             out[:, :3] = np.einsum("abm,lbm->lam", self.turn[0], out[:, :3])
             out[:, 3:] = np.einsum("abm,lbm->lam", self.turn[1], out[:, 3:])

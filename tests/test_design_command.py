@@ -69,9 +69,16 @@ def test_a_plan_for_a_program_and_one_for_a_suspect(folder):
     figure = json.loads((folder / "plan.json").read_text())["figure"]
     assert figure["unit"] == "mm"
     assert 1e-4 < figure["value"] < 1e-2
-    suspect = ["--criterion", "ds", "--suspect", "joint_zero_offset:joint_2"]
+    suspect = ["--criterion", "ds", "--suspect", "gravity_compensator:joint_2:anchor_m=[0.3,0.1],lever_m=0.2"]
     done("design", KR270 / "cell.yaml", "-n", 8, *suspect, *shared)
-    assert json.loads((folder / "plan.json").read_text())["combinations"] == 33
+    result = json.loads((folder / "plan.json").read_text())
+    assert result["combinations"] == 34
+    assert result["suspect"]["settings"] == {
+        "anchor_m": [0.3, 0.1],
+        "lever_m": 0.2,
+        "lever_deg": 0.0,
+        "variant": "spring",
+    }
 
 
 WRONG = {

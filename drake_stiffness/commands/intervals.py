@@ -45,6 +45,11 @@ def intervals(
 
     if every and parameter:
         raise InputError("--all and --parameter: give one of them; --all is every parameter already.")
+    if every and base:
+        raise InputError(
+            "--all and --base: give one of them. --all is every parameter on its own, --base the combinations that the readings determine; "
+            "single parameters can stand beside the latter: --base --parameter joint_1."
+        )
     if not 0.0 < level < 1.0:
         raise InputError(f"--level: found {level:g}; expected a probability between 0 and 1, 0.95 say.")
     inputs = (*files_of_campaign(campaign), *([deflection] if deflection else []))

@@ -1,4 +1,4 @@
-"""What a plan takes for granted before anything is measured: the model, sizes of its parameters, what is suspected."""
+"""What a plan takes for granted before anything is measured: the model, sizes of its parameters, which of them count."""
 
 from __future__ import annotations
 
@@ -11,14 +11,12 @@ from drake_stiffness.assembly import make_model, spring_effects
 from drake_stiffness.base_parameters import BaseMap
 from drake_stiffness.cell import Cell
 from drake_stiffness.design.settings import Design
-from drake_stiffness.effects import Effect
-from drake_stiffness.effects.catalogue import effect_kinds
 from drake_stiffness.effects.compliance import JointCompliance, Spring
 from drake_stiffness.errors import InputError
 from drake_stiffness.hardware import cell_effects
 from drake_stiffness.model import Model, load_model
 from drake_stiffness.rotations import Array
-from drake_stiffness.truth import TruthEntry, effect_of, read_truth
+from drake_stiffness.truth import read_truth
 
 # A typical link spring beside a joint's, both in units of scale (1e-6 rad/(N m)): links of machined castings are stiffer.
 _TYPICAL_LINK = 0.03
@@ -65,38 +63,6 @@ def typical_values(model: Model) -> Array:
         else:
             parts.append(effect.initial())
     return np.concatenate(parts)
-
-
-def suspected_effect(text: str, model: Model, cell: Cell) -> Effect:
-    """The effect that `KIND:WHERE` names.
-
-    Constants it needs come from the cell (key `effects`), else from the first that diagnosis would try at that place.
-
-    Raises
-    ------
-    InputError
-        If the words do not name a kind and a place of this arm, or the model holds the effect already.
-    """
-    kind, colon, where = text.partition(":")
-    kinds = effect_kinds()
-    if not colon or kind not in kinds:
-        raise InputError(
-            f"--suspect: found '{text}'; expected KIND:WHERE, such as joint_zero_offset:{model.arm.joint_names[0]}. Kinds: "
-            f"{', '.join(sorted(kinds))}."
-        )
-    if any(e.kind == kind and e.where == where for e in model.effects):
-        raise InputError(
-            f"--suspect: {kind} at '{where}' is part of the cell's own model, so it is no suspicion; use another criterion, or take it "
-            f"out of {cell.path}."
-        )
-    tried = [effect for effect in kinds[kind].candidates(model.arm, model.points) if effect.where == where]
-    listed = any((entry.kind, entry.where) == (kind, where) for entry in cell.effects)
-    if tried and not listed:
-        effect = tried[0]
-    else:
-        effect = effect_of(TruthEntry(kind=kind, where=where, parameters={}), cell, model.arm, "--suspect")
-    effect.check(model.arm, model.points)
-    return effect
 
 
 @dataclass(frozen=True, eq=False)

@@ -9,7 +9,7 @@ from typing import Any
 
 from drake_stiffness.arm import Arm
 from drake_stiffness.cell import Cell, read_cell
-from drake_stiffness.design.assumptions import assumed_model, suspected_effect
+from drake_stiffness.design.assumptions import assumed_model
 from drake_stiffness.design.augmentation import Suggestion, measured_information, settings_like, what_more
 from drake_stiffness.design.design import Designed, choose, choose_fewest
 from drake_stiffness.design.plan_table import experiment_names, plan_text
@@ -24,6 +24,7 @@ from drake_stiffness.design.space import (
     unsupported_share,
 )
 from drake_stiffness.design.summary import summary
+from drake_stiffness.design.suspicion import suspected_effect, taken_for_granted
 from drake_stiffness.errors import InputError, UntrustworthyError
 from drake_stiffness.model import Model
 from drake_stiffness.rotations import Array
@@ -57,8 +58,11 @@ class PlannedMeasurements:
 
     def to_dict(self) -> dict[str, Any]:
         """For `--json`."""
+        space = self.designed.space
+        suspect = space.model.effects[-1] if space.suspected else None
         return {
             **summary(self.designed),
+            "suspect": suspect and {"kind": suspect.kind, "where": suspect.where, "settings": suspect.settings()},
             "experiments": list(self.names),
             "suggestions": [suggestion.to_dict() for suggestion in self.suggestions],
             "notes": self.notes,
@@ -100,6 +104,8 @@ def plan_measurements(
     effect = None if suspect is None else suspected_effect(suspect, model, cell)
     space = prepare(model, n, settings, suspect=effect, measured=measured, progress=progress)
     notes = _notes(space, arm)
+    if suspect is not None and effect is not None and (note := taken_for_granted(suspect, effect, model)):
+        notes.append(note)
     rows = None
     if path is not None:
         progress("postures along the program")

@@ -6,7 +6,13 @@ from typing import Any
 
 import numpy as np
 
+from drake_stiffness.base_parameters import base_of
+from drake_stiffness.design.assumptions import Interest, parameters_of_interest
 from drake_stiffness.design.design import Designed
+from drake_stiffness.thresholds import LOWER_RATIO, UPPER_RATIO
+
+# So many weak parameters are named in words.
+_NAMED = 8
 
 # What 1 / sqrt(phi) is: a standard deviation, in the words and unit of the criterion.
 _MEANING = {
@@ -32,7 +38,24 @@ def gain(d: Designed) -> float:
 
 def predicted_ratios(d: Designed) -> list[dict[str, Any]]:
     """Every base parameter of interest: assumed value, predicted sigma (SI), ratio (20) with the stated noise."""
-    interest = d.space.interest()
+    return _ratios(d, d.space.interest())
+
+
+def weak_parameters(d: Designed) -> list[dict[str, Any]]:
+    """Base parameters with an assumed value whose predicted ratio stays below the threshold, the worst first; `far` marks those below
+    two fifths of it (2 where 5 is wanted, as between G1~ and G1-)."""
+    space = d.space
+    every = space.settings.model_copy(update={"parameters": "all"})
+    rows = _ratios(d, parameters_of_interest(space.base_model, base_of(space.view, space.base_model), every))
+    threshold = space.settings.threshold
+    low = sorted((row for row in rows if row["ratio"] < threshold), key=lambda row: row["ratio"])
+    return [
+        {"name": row["name"], "ratio": row["ratio"], "far": row["ratio"] < LOWER_RATIO / UPPER_RATIO * threshold}
+        for row in low
+    ]
+
+
+def _ratios(d: Designed, interest: Interest) -> list[dict[str, Any]]:
     model = d.space.base_model
     basis = d.space.basis[: model.x.size]
     sigma = np.sqrt(np.einsum("ki,ij,kj->k", interest.c @ basis, d.covariance, interest.c @ basis))
@@ -64,7 +87,10 @@ def verdict(d: Designed) -> str:
     )
     if d.random.size:
         text += f" The median of {d.random.size} random plans of equal size has {gain(d):.2f} times that sigma."
-    text += f" All {space.basis.shape[1]} combinations that the candidates determine are determined by the plan."
+    text += (
+        f" All {space.basis.shape[1]} combinations that the candidates determine are determined by the plan."
+        + _weak_words(d)
+    )
     if d.fewest is not None and d.reached:
         text += (
             f" It is the smallest plan found whose parameters of interest all exceed ratio {space.settings.threshold:g}; fewer than "
@@ -77,6 +103,19 @@ def verdict(d: Designed) -> str:
             "cannot do it. More postures (-n), stronger loads or a better tracker are needed."
         )
     return text
+
+
+def _weak_words(d: Designed) -> str:
+    """Determined is a matter of rank, known one of size: what is determined and still lost in its sigma."""
+    low, threshold = weak_parameters(d), d.space.settings.threshold
+    if not low:
+        return ""
+    far = [f"{row['name']} ({row['ratio']:.2g})" for row in low if row["far"]]
+    more = f" and {len(far) - _NAMED} more (--json has all)" if len(far) > _NAMED else ""
+    return (
+        f" That is a matter of rank: at the assumed values {len(low)} of their base parameters stay below ratio {threshold:g}"
+        + (f", {len(far)} of them far below it: {', '.join(far[:_NAMED])}{more}." if far else ", none far below it.")
+    )
 
 
 def summary(d: Designed) -> dict[str, Any]:
@@ -103,5 +142,6 @@ def summary(d: Designed) -> dict[str, Any]:
         "fewest_possible": d.fewest,
         "threshold_reached": d.reached if d.fewest is not None else None,
         "parameters": predicted_ratios(d),
+        "below_threshold": weak_parameters(d),
         "measured_before": [] if space.measured is None else list(space.measured.experiments),
     }

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from drake_stiffness.arm import Arm, forward
 from drake_stiffness.cell import Cell
 from drake_stiffness.errors import InputError
+from drake_stiffness.importing.agreement import compare_with_plan
 from drake_stiffness.importing.foreign_tables import check_column
 from drake_stiffness.importing.map_file import ANGLES, FORCES, LENGTHS, MOMENTS, Forces, Joints, Match
 from drake_stiffness.importing.matching import Steps, match_rows, nearest_names
@@ -212,7 +213,7 @@ def loads_of_steps(
     limit = spec.zero_below_N if spec.zero_below_N is not None else _ZERO_SHARE * float(size[used].max(initial=0.0))
     small = size <= limit
     if planned is not None:
-        _agree(table, steps, used, planned, wrench, small, limit, notes)
+        notes += compare_with_plan(table, spec, steps, used, planned, wrench, small, limit, gravity_of(cell))
         small = small | (np.abs(planned).max(axis=0) == 0.0)
     wrench[:, small] = 0.0
     return Loads(wrench, float(spread[used].max(initial=0.0)), notes)
@@ -220,8 +221,7 @@ def loads_of_steps(
 
 def _sensor(table: Table, spec: Forces, rows: list[NDArray[np.int_]], cell: Cell) -> tuple[Array, Array]:
     """(6, N) means of the log in the sensor's axes, N and N m, and (N,) the standard deviation of the force."""
-    gravity = float(np.linalg.norm(cell.gravity_m_per_s2)) or 9.80665
-    unit = gravity if spec.unit == "kg" else FORCES[spec.unit]
+    unit = gravity_of(cell) if spec.unit == "kg" else FORCES[spec.unit]
     log = np.zeros((6, len(table.rows)))
     if spec.along is not None:
         assert spec.column is not None
@@ -242,6 +242,11 @@ def _sensor(table: Table, spec: Forces, rows: list[NDArray[np.int_]], cell: Cell
     return mean, spread
 
 
+def gravity_of(cell: Cell) -> float:
+    """What a kilogram weighs there, N; that of the earth for a cell without gravity."""
+    return float(np.linalg.norm(cell.gravity_m_per_s2)) or 9.80665
+
+
 def _tared(sensor: Array, steps: Steps, planned: Array, used: NDArray[np.int_]) -> Array:
     """What the sensor reads at the unloaded steps of an experiment is taken off all of its steps."""
     free = np.abs(planned).max(axis=0) == 0.0
@@ -256,41 +261,3 @@ def _tared(sensor: Array, steps: Steps, planned: Array, used: NDArray[np.int_]) 
         if own.size:
             out[:, own] = sensor[:, own] - sensor[:, own[free[own]]].mean(axis=1, keepdims=True)
     return out
-
-
-def _agree(
-    table: Table,
-    steps: Steps,
-    used: NDArray[np.int_],
-    planned: Array,
-    wrench: Array,
-    small: NDArray[np.bool_],
-    limit: float,
-    notes: list[str],
-) -> None:
-    """Loaded where the plan loads, unloaded where it does not, and roughly the planned force."""
-    free = np.abs(planned).max(axis=0) == 0.0
-    loaded = [c for c in used.tolist() if free[c] and not small[c]]
-    if loaded:
-        size = float(np.linalg.norm(wrench[:3, loaded[0]]))
-        raise InputError(
-            f"{table.path}: the plan calls {steps.names(loaded)} unloaded, but the log reads {size:.4g} N there "
-            f"(limit {limit:.3g} N). If the sensor has a zero error, set forces.tare: true; else the rows are "
-            "matched to the wrong steps, or forces.zero_below_N is too small."
-        )
-    empty = [c for c in used.tolist() if np.abs(planned[:3, c]).max() > 0 and small[c]]
-    if empty:
-        raise InputError(
-            f"{table.path}: the plan loads {steps.names(empty)}, but the log reads no force there (below {limit:.3g} "
-            "N); the rows are matched to the wrong steps, or forces.zero_below_N is too large."
-        )
-    busy = used[np.abs(planned[:3, used]).max(axis=0) > 0]
-    size = np.linalg.norm(planned[:3, busy], axis=0)
-    off = np.linalg.norm(wrench[:3, busy] - planned[:3, busy], axis=0) > 0.2 * size
-    if off.any():
-        against = float((np.einsum("cn,cn->n", wrench[:3, busy], planned[:3, busy]) / size**2).mean())
-        what = " (it points the other way: set forces.sign: -1?)" if against < -0.5 else ""
-        notes.append(
-            f"the log is more than 20 % off the planned force at {int(off.sum())} of {busy.size} loaded steps{what}, "
-            f"first at {steps.name(int(busy[off][0]))}: along the plan it is {against:.3g} of it"
-        )

@@ -116,6 +116,7 @@ class Readings(TextFile):
     point_column: str | None = None
     rename: dict[str, str] = Field(default_factory=dict)
     points: dict[str, Axes] | None = None
+    temperature_degC: str | None = None
 
     @model_validator(mode="after")
     def _one_layout(self) -> Readings:

@@ -25,7 +25,7 @@ class Samples:
     case : (S,) which step
     point : (S,) names
     p : (S, 3) metres
-    time_s : (S,) NaN where unknown
+    time_s, temperature : (S,) NaN where unknown; degrees Celsius
     file, line : where they stand
     """
 
@@ -33,6 +33,7 @@ class Samples:
     point: NDArray[np.str_]
     p: Array
     time_s: Array
+    temperature: Array
     file: NDArray[np.str_]
     line: NDArray[np.int_]
 
@@ -72,6 +73,10 @@ def read_samples(
             )
     named, unknown = _point_names(table, spec, points)
     case = match_rows(table, spec.match, steps, time_s, None if spec.points is not None else [n or "" for n in named])
+    temperature = np.full(len(table.rows), np.nan)
+    if spec.temperature_degC is not None:
+        check_column(table, spec.temperature_degC, "readings.temperature_degC")
+        temperature = table.numbers(spec.temperature_degC, empty=np.nan)
     parts = []
     for name, axes in groups.items():
         assert axes is not None
@@ -81,7 +86,8 @@ def read_samples(
         label = np.array([name or str(named[r]) for r in rows], dtype=str)
         file = np.full(rows.size, table.path.name)
         lines = np.array(table.lines)[rows]
-        parts.append(Samples(case[rows], label, p[rows] * LENGTHS[spec.unit], time_s[rows], file, lines))
+        p = p[rows] * LENGTHS[spec.unit]
+        parts.append(Samples(case[rows], label, p, time_s[rows], temperature[rows], file, lines))
     lost = [] if not unknown else [Unmatched(table.path.name, unknown, _unknown_points(table, spec, points))]
     strays = [table.lines[r] for r in np.flatnonzero(case < 0) if named[r] is not None or spec.points is not None]
     if strays:
@@ -128,7 +134,7 @@ def join_samples(parts: Sequence[Samples]) -> Samples:
     return Samples(
         *(
             np.concatenate([getattr(part, name) for part in parts])
-            for name in ("case", "point", "p", "time_s", "file", "line")
+            for name in ("case", "point", "p", "time_s", "temperature", "file", "line")
         )
     )
 
@@ -139,7 +145,7 @@ class Averaged:
 
     Attributes
     ----------
-    case, point, p, time_s : as in Samples, ordered by step and point
+    case, point, p, time_s, temperature : as in Samples, ordered by step and point
     repeat : (R,) number of the sample; 0 throughout where there is one
     sigma_m : float
         Standard deviation of one coordinate of one sample about the mean of its step, NaN without several.
@@ -152,6 +158,7 @@ class Averaged:
     point: NDArray[np.str_]
     p: Array
     time_s: Array
+    temperature: Array
     repeat: NDArray[np.int_]
     sigma_m: float
     samples: NDArray[np.int_]
@@ -180,7 +187,7 @@ def average(s: Samples, how: str, steps: Steps, points: Sequence[str]) -> Averag
             f"{s.where(int(a))}); {int((counts > 1).sum())} such in all. Drop one, or write samples: mean (they are "
             "averaged) or samples: keep (each becomes a row with its number in the column repeat)."
         )
-    p, time = s.p[order], s.time_s[order]
+    p, time, warmth = s.p[order], s.time_s[order], s.temperature[order]
     mean = np.stack([np.bincount(group, weights=p[:, c]) for c in range(3)], axis=1) / counts[:, None]
     off = p - mean[group]
     freedom = 3 * int((counts - 1).sum())
@@ -189,9 +196,18 @@ def average(s: Samples, how: str, steps: Steps, points: Sequence[str]) -> Averag
     worst = f"{s.where(int(order[far]))}, {1e3 * np.linalg.norm(off[far]):.4f} mm from the mean" if freedom else ""
     if how == "keep":
         number = np.arange(group.size) - first[group]
-        return Averaged(s.case[order], s.point[order], p, time, number, sigma, np.ones(group.size, dtype=int), worst)
-    mean_time = np.bincount(group, weights=time) / counts
+        one = np.ones(group.size, dtype=int)
+        return Averaged(s.case[order], s.point[order], p, time, warmth, number, sigma, one, worst)
+    mean_time, mean_warmth = (np.bincount(group, weights=values) / counts for values in (time, warmth))
     none = np.zeros(unique.size, dtype=int)
     return Averaged(
-        unique // len(points), np.array(points)[unique % len(points)], mean, mean_time, none, sigma, counts, worst
+        case=unique // len(points),
+        point=np.array(points)[unique % len(points)],
+        p=mean,
+        time_s=mean_time,
+        temperature=mean_warmth,
+        repeat=none,
+        sigma_m=sigma,
+        samples=counts,
+        worst=worst,
     )

@@ -69,11 +69,15 @@ def table_text(
     letter = "d" if relative else ""
     out = io.StringIO(newline="")
     writer = csv.writer(out, lineterminator="\n")
-    head = ["experiment", "step", "point", *(["time_s"] if timed else []), *(["repeat"] if kept else [])]
+    warmth = not np.isnan(readings.temperature).all()
+    head = ["experiment", "step", "point", *(["time_s"] if timed else []), *(["temperature_degC"] if warmth else [])]
+    head += ["repeat"] if kept else []
     writer.writerow([*head, *joints[0], *loads[0], *(f"{letter}{a}_mm" for a in "xyz")])
     for r, case in enumerate(readings.case.tolist()):
         row = [steps.experiment[case], str(steps.step[case]), str(readings.point[r])]
         row += [_plain(readings.time_s[r], 3)] if timed else []
+        degrees = readings.temperature[r]
+        row += ["" if np.isnan(degrees) else _plain(degrees, 2)] if warmth else []
         row += [str(readings.repeat[r])] if kept else []
         writer.writerow([*row, *joints[1][case], *loads[1][case], *(_plain(v * 1e3, 6) for v in readings.p[r])])
     return out.getvalue()

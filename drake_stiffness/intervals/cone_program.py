@@ -107,7 +107,9 @@ class ConeLeastSquares:
         self._P = self.weight**2 + np.where(self.weight < 1.0, _PRICE, 0.0)
         self._A = -(self.G @ self.B)
         self.E = np.zeros((0, n)) if equal is None else np.atleast_2d(equal)
-        self._whole = np.vstack([self.E @ self.B, self._A])
+        # Beside cones of the size of one an equation in small units would be met to the solver's tolerance by anything.
+        self._size = np.maximum(np.linalg.norm(self.E @ self.B, axis=1), 1e-300)
+        self._whole = np.vstack([self.E @ self.B / self._size[:, None], self._A])
         held = [("zero", self.E.shape[0])] if self.E.size else []
         self._fit = Solver(self._whole != 0, [*held, *self.cones], _TOLERANCES)
 
@@ -137,7 +139,7 @@ class ConeLeastSquares:
         if not self.E.size and self.feasible(x):
             return x
         wanted = np.zeros(0) if at is None else np.atleast_1d(at)
-        b = np.concatenate([wanted - self.E @ x, self.G @ x + self.h])
+        b = np.concatenate([(wanted - self.E @ x) / self._size, self.G @ x + self.h])
         p = self._fit.run(self._P, np.zeros(x.size), self._whole, b, "the semidefinite least squares")
         return np.asarray(x + self.B @ p)
 

@@ -22,9 +22,11 @@ from drake_stiffness.effects.compliance import LinkCompliance
 from drake_stiffness.errors import InputError, UntrustworthyError
 from drake_stiffness.identification import Solution
 from drake_stiffness.intervals.cone_program import ConeLeastSquares
+from drake_stiffness.intervals.profile import bounds_outside_cones
 from drake_stiffness.model import Model
 from drake_stiffness.observation import Observations, columns, measured, predicted
 from drake_stiffness.rotations import Array
+from drake_stiffness.semidefinite import cone_blocks
 from drake_stiffness.sensitivity import has_finite_differences
 
 # Torsion over bending of a closed thin-walled square section: E I / (G J) with nu = 0.3.
@@ -126,21 +128,7 @@ def fit_with_prior(
         raise InputError(f"spread of the beam prior: found {spread}; expected a number above 0, say 0.5.")
     model, y = solution.model, measured(o)
     P = prior_rows(model, spread, typical_compliance(model))
-    inside = {
-        i + own.start
-        for effect, own in zip(model.effects, model.slices, strict=True)
-        for block in effect.cone_blocks
-        for i in block.ravel()
-        if i >= 0
-    }
-    free = [i not in inside for i in range(model.x.size)]
-    lower = np.array([p.lower / p.scale if f else -np.inf for p, f in zip(model.parameters, free, strict=True)])
-    upper = np.array([p.upper / p.scale if f else np.inf for p, f in zip(model.parameters, free, strict=True)])
-    blocks = [
-        np.where(block >= 0, block + own.start, -1)
-        for effect, own in zip(model.effects, model.slices, strict=True)
-        for block in effect.cone_blocks
-    ]
+    blocks, (lower, upper) = cone_blocks(model), bounds_outside_cones(model)
     program, A, step, coarse = None, solution.A, np.inf, has_finite_differences(model)
     for iteration in range(1, _MAX_ITERATIONS + 1):
         if program is None or (coarse and step > _NEAR):

@@ -17,7 +17,6 @@ from drake_stiffness import statistics as st
 from drake_stiffness.campaign import Measurements
 from drake_stiffness.effects.compliance import LinkCompliance
 from drake_stiffness.errors import InputError, UntrustworthyError
-from drake_stiffness.identifiability import LOWER_RATIO, UPPER_RATIO
 from drake_stiffness.identification import Method, Solution, identify
 from drake_stiffness.model import Model
 from drake_stiffness.observation import Observations
@@ -28,6 +27,7 @@ from drake_stiffness.reduction.scoring import Row, scored, scored_readings
 from drake_stiffness.rotations import Array
 from drake_stiffness.start import starting_model
 from drake_stiffness.task import Task
+from drake_stiffness.thresholds import LOWER_RATIO, UPPER_RATIO
 
 METHODS = {
     "joints": "joints only",

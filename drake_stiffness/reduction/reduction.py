@@ -23,7 +23,6 @@ import numpy as np
 
 from drake_stiffness.effects.compliance import LinkCompliance, Spring
 from drake_stiffness.errors import InputError, UntrustworthyError
-from drake_stiffness.identifiability import LOWER_RATIO, UPPER_RATIO
 from drake_stiffness.identification import Method, Solution, identify
 from drake_stiffness.model import Model
 from drake_stiffness.observation import Observations
@@ -31,6 +30,7 @@ from drake_stiffness.reduction.elimination import Fall, base, candidates, drop_a
 from drake_stiffness.reduction.patterns import keep_only, symmetrised
 from drake_stiffness.rotations import Array
 from drake_stiffness.statistics import goodness
+from drake_stiffness.thresholds import LOWER_RATIO, UPPER_RATIO
 
 Progress = Callable[[str], None]
 How = Literal["m3", "sequential", "base"]

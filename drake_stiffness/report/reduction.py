@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 
 import drake_stiffness
-from drake_stiffness.identifiability import UPPER_RATIO
 from drake_stiffness.reduction.comparison import METHODS, RULE, Comparison
 from drake_stiffness.reduction.scoring import Row
 from drake_stiffness.report import figures as f
 from drake_stiffness.report import page as h
+from drake_stiffness.thresholds import LOWER_RATIO, UPPER_RATIO
 
 HEADER = (
     "method", "free", "fitted", "mean, um", "p95, um", "max, um", "% comp.", "noise, um", "variance, um", "bias, um",
@@ -55,7 +55,7 @@ def reduction_report(result: Comparison) -> str:
     )
     return h.page(
         "Reductions compared",
-        f"Thresholds: v0+ = {result.upper:g}, v0- = {result.lower:g} (the source paper: {UPPER_RATIO:g} and 2).",
+        f"Thresholds: v0+ = {result.upper:g}, v0- = {result.lower:g} (the source paper: {UPPER_RATIO:g} and {LOWER_RATIO:g}).",
         h.verdict(answer(result)),
         *failed,
         h.section("Held-out errors", h.paragraph(caption), h.table(HEADER, rows, align="l" + "r" * (len(HEADER) - 1)), _figure(result)),

@@ -10,6 +10,7 @@ from drake_stiffness.report import page as h
 from drake_stiffness.report.single_link_tables import Table
 from drake_stiffness.single_link.prints import NONZERO, names_of
 from drake_stiffness.single_link.study import METHODS, SingleLinkStudy
+from drake_stiffness.thresholds import UPPER_RATIO
 
 
 def single_link_report(study: SingleLinkStudy, tables: tuple[Table, ...]) -> str:
@@ -26,7 +27,7 @@ def single_link_report(study: SingleLinkStudy, tables: tuple[Table, ...]) -> str
     nine = ", ".join(names_of(link.identifiable))
     answer = (
         f"With noise as {link.noise.name} ({1e6 * link.noise.position_m:g} um, {1e3 * link.noise.rotation_rad:g} mrad) {link.identifiable.sum()} of 36 "
-        f"entries have a ratio of value to standard deviation above 5 ({nine}). k11 has not: it comes out negative in "
+        f"entries have a ratio of value to standard deviation above {UPPER_RATIO:g} ({nine}). k11 has not: it comes out negative in "
         f"{100 * study.k11_negative[0]:.0f} % of {study.seeds} seeds. The estimate is not positive definite in {100 * study.not_definite[0]:.0f} % of them with "
         f"36 unknowns, and still in {100 * study.not_definite[2]:.0f} % after M1 and M2."
     )

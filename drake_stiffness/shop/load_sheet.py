@@ -12,7 +12,7 @@ from drake_stiffness.campaign import Measurements
 from drake_stiffness.report.page import Markup, join
 from drake_stiffness.rotations import Array
 from drake_stiffness.shop.axis_words import AxisWord, default_words, word_values
-from drake_stiffness.shop.load_words import direction_words, kilograms
+from drake_stiffness.shop.load_words import direction_words, kilograms, size_words
 from drake_stiffness.shop.visiting_order import postures
 
 # A4 upright. The head of the table comes again on every sheet; an experiment is not torn apart.
@@ -81,7 +81,7 @@ def load_sheet(
         for place, e in enumerate(order.tolist(), start=1)
     ]
     facts = (
-        f"{len(m.experiments)} experiments, {m.cases.number} steps, largest force {heaviest:.6g} N "
+        f"{len(m.experiments)} experiments, {m.cases.number} steps, largest force {size_words(heaviest)} N "
         f"({kilograms(heaviest, arm.gravity)})."
     )
     return join(
@@ -129,13 +129,13 @@ def _step(step: int, wrench: Array, gravity: Array, time_s: float) -> list[objec
     force, moment = float(np.linalg.norm(wrench[:3])), float(np.linalg.norm(wrench[3:]))
     way = direction_words(wrench[:3], gravity) if force > 0 else "no load"
     if moment > 0:
-        turn = f"{moment:.6g} N m about {direction_words(wrench[3:], np.zeros(3))}"
+        turn = f"{size_words(moment)} N m about {direction_words(wrench[3:], np.zeros(3))}"
         way = f"{way}; {turn}" if force > 0 else turn
     mark = ' class="none"' if force == 0 and moment == 0 else ""
     planned = "" if math.isnan(time_s) else f"({time_s:.6g} s)"
     return [
         Markup(f"<tr><td>{step}</td><td class='right'>"),
-        f"{force:.6g}" if force > 0 else "0",
+        size_words(force),
         Markup("</td><td class='right'>"),
         kilograms(force, gravity).removesuffix(" kg") if force > 0 else "0",
         Markup(f"</td><td{mark}>"),

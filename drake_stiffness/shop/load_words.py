@@ -24,11 +24,17 @@ def load_words(wrench: Array, gravity: Array) -> str:
     parts = []
     size = float(np.linalg.norm(wrench[:3]))
     if size > 0.0:
-        parts.append(f"{size:.6g} N ({kilograms(size, gravity)}) {direction_words(wrench[:3], gravity)}")
+        parts.append(f"{size_words(size)} N ({kilograms(size, gravity)}) {direction_words(wrench[:3], gravity)}")
     moment = float(np.linalg.norm(wrench[3:]))
     if moment > 0.0:
-        parts.append(f"{moment:.6g} N m about {direction_words(wrench[3:], np.zeros(3))}")
+        parts.append(f"{size_words(moment)} N m about {direction_words(wrench[3:], np.zeros(3))}")
     return ", ".join(parts) or NO_LOAD
+
+
+def size_words(size: float) -> str:
+    """A force or moment to the hundredth: a plan writes components to the thousandth, so 60 N at 45 degrees come back as 59.9994."""
+    hundredths = f"{size:.2f}".rstrip("0").rstrip(".")
+    return hundredths if size >= 0.1 else f"{size:.3g}"
 
 
 def kilograms(force_N: float, gravity: Array) -> str:

@@ -13,10 +13,11 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from drake_stiffness.identifiability import UPPER_RATIO, numerical_rank
+from drake_stiffness.identifiability import numerical_rank
 from drake_stiffness.rotations import Array
 from drake_stiffness.single_link.prints import NONZERO, ROTATION_ROW, reconstruct
 from drake_stiffness.springs import sparsing_map, symmetrisation_map
+from drake_stiffness.thresholds import UPPER_RATIO
 
 NoiseName = Literal["printed", "stated"]
 

@@ -6,12 +6,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from drake_stiffness.identifiability import LOWER_RATIO, UPPER_RATIO
 from drake_stiffness.intervals.cone_program import ConeLeastSquares
 from drake_stiffness.rotations import Array
 from drake_stiffness.single_link.example import LOAD, PAPER_RATIO, UNKNOWNS, SingleLink, is_definite
 from drake_stiffness.single_link.prints import NONZERO, names_of
 from drake_stiffness.springs import Template, spring_template
+from drake_stiffness.thresholds import LOWER_RATIO, UPPER_RATIO
 
 CONES: tuple[tuple[str, Template], ...] = (
     ("M1, semidefinite", "symmetric"),

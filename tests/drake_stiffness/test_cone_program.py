@@ -135,6 +135,10 @@ def test_held_at_the_end_of_its_range_a_value_costs_exactly_the_rise():
         x = held.solve(g, end)
         assert c @ x == pytest.approx(end, rel=1e-8)
         assert np.linalg.norm(F @ x - g) ** 2 - least == pytest.approx(3.84, rel=1e-5)
+        small = ConeLeastSquares(
+            F, BLOCKS, LOWER, UPPER, equal=1e-12 * c
+        )  # the same in units of metres per newton, say
+        assert c @ small.solve(g, 1e-12 * end) == pytest.approx(end, rel=1e-8)
 
 
 def test_what_neither_data_nor_cone_bound_is_infinite():

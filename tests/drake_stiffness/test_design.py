@@ -7,13 +7,14 @@ import pytest
 from three_arms import KR270
 
 from drake_stiffness.assembly import make_model, spring_effects
+from drake_stiffness.base_parameters import base_of
 from drake_stiffness.design.assumptions import assumed_model
 from drake_stiffness.design.criteria import Determinant
 from drake_stiffness.design.design import choose, choose_fewest, determines_all, fewest_for_rank, first_true
 from drake_stiffness.design.job import plan_measurements
 from drake_stiffness.design.settings import Design, Loads, read_design
 from drake_stiffness.design.space import make_criterion, path_gradients, prepare, unsupported_share
-from drake_stiffness.design.summary import predicted_ratios, summary, verdict
+from drake_stiffness.design.summary import predicted_ratios, summary, verdict, weak_parameters
 from drake_stiffness.design.suspicion import suspected_effect, taken_for_granted
 from drake_stiffness.effects import Cases
 from drake_stiffness.errors import InputError, UntrustworthyError
@@ -111,6 +112,27 @@ def test_the_predicted_sigma_is_the_scatter_of_fits(space, kr270):
     k = interest.names.index("joint_5")
     spread = (interest.c[k] @ space.basis @ fits).std() * kr270.scales[kr270.names.index("joint_5")]
     assert predicted_ratios(d)[k]["sigma"] == pytest.approx(spread, rel=0.1)
+
+
+def test_a_plan_names_what_it_determines_and_leaves_lost_in_its_sigma(space):
+    """1000 fits of every base parameter again: those whose value is less than five, or two, of their spread."""
+    d = choose(space, Determinant(), 12)
+    A = (space.rows[d.chosen] @ space.basis).reshape(-1, space.basis.shape[1])
+    fits = np.linalg.lstsq(A, np.random.default_rng(1).standard_normal((A.shape[0], 1000)), rcond=None)[0]
+    base, x = base_of(space.view, space.model), space.model.x / space.model.scales
+    ratio = np.abs(base.matrix @ x) / (base.matrix @ space.basis @ fits).std(axis=1)
+    names = np.array(space.model.names)[base.base]
+    stated = np.abs(base.matrix @ x) > 1e-9
+    low = weak_parameters(d)
+    clear = np.abs(ratio / 5 - 1) > 0.1  # where 1000 fits can tell
+    assert (
+        set(names[stated & clear & (ratio < 5)]) <= {row["name"] for row in low} <= set(names[stated & (ratio < 5.5)])
+    )
+    assert {row["name"] for row in low if row["far"]} >= set(names[stated & (ratio < 1.8)])
+    assert [row["ratio"] for row in low] == sorted(row["ratio"] for row in low)
+    assert f"{len(low)} of their base parameters stay below ratio 5" in verdict(d)
+    assert low[0]["name"] in verdict(d)
+    assert summary(d)["below_threshold"] == low
 
 
 def test_a_suspect_is_told_apart_better_by_a_plan_that_looks_for_it(kr270, cells):
