@@ -16,7 +16,9 @@ from drake_stiffness.errors import InputError
 from drake_stiffness.files import Document, read_yaml, sha256
 from drake_stiffness.model import Model
 from drake_stiffness.rotations import rpy_rotation
+from toolpaths.milling.settings import Milling
 from toolpaths.program import FrameSetting, Program
+from toolpaths.rotary import RotaryAxes
 
 Floats = NDArray[np.float64]
 Frame = Literal["tool", "path", "workpiece", "world"]
@@ -44,19 +46,32 @@ class ConstantForce(Document):
 
 
 class Force(Document):
-    """One of a constant or a table; a table's frame is its column `frame`, else this key, else the tool's axes."""
+    """One of a constant, a table or milling; a table's frame is its column `frame`, else this key, else the tool's axes."""
 
     constant: ConstantForce | None = None
     table: str | None = None
+    milling: Milling | None = None
     frame: Frame | None = None
+    relative_sigma: float | None = Field(default=None, ge=0.0, le=1.0)
 
     @model_validator(mode="after")
     def _one_of(self) -> Force:
-        if (self.constant is None) == (self.table is None):
-            raise ValueError("give exactly one of constant and table (cutting-force models are not in this version)")
+        if [self.constant, self.table, self.milling].count(None) != 2:
+            raise ValueError("give exactly one of constant, table and milling")
         if self.constant is not None and self.frame is not None:
             raise ValueError("frame belongs inside constant")
+        if self.milling is not None and self.frame is not None:
+            raise ValueError("milling has its own axes (along the feed and the tool); leave frame out")
         return self
+
+
+class Controller(Document):
+    """What the robot's controller knows and does; nothing of it is in the program, and all of it decides. None: not stated."""
+
+    loads_set: bool | None = None
+    tool_data_set: bool | None = None
+    absolute_accuracy: bool | None = None
+    blend_radius_mm: float | None = Field(default=None, ge=0.0)
 
 
 class Process(Document):
@@ -67,16 +82,30 @@ class Process(Document):
     posture_deg: tuple[float, ...] = Field(min_length=1)
     external_axes: dict[str, str] = Field(default_factory=dict)
     tool_axis: Literal["x", "-x", "y", "-y", "z", "-z"] = "-z"
+    gcode: RotaryAxes | None = None
     reference: Literal["unloaded", "rigid"] = "unloaded"
     geometry: bool = False
+    controller: Controller = Controller()
     force: Force
 
     _path: Path = PrivateAttr(default=Path())
+    _force_rows: tuple[Floats, NDArray[np.str_]] | None = PrivateAttr(default=None)
 
     @property
     def path(self) -> Path:
         """The file it was read from; paths inside are relative to it."""
         return self._path
+
+    @property
+    def force_rows(self) -> tuple[Floats, NDArray[np.str_]] | None:
+        """Rows of the force table that belong to a piece of a program; None where the whole table does."""
+        return self._force_rows
+
+    def with_force_rows(self, rows: tuple[Floats, NDArray[np.str_]] | None) -> Process:
+        """The same process for a piece of a program."""
+        process = self.model_copy()
+        process._force_rows = rows
+        return process
 
     @property
     def spindle_axis(self) -> Floats:
@@ -139,11 +168,11 @@ def check_frames(process: Process, program: Program, model: Model) -> None:
     """Raise InputError if a frame that the program itself sets disagrees with process.yaml or the cell."""
     R_WB, p_WB = process.base
     R_ET, p_ET = model.tcp
-    governing = _governing(program)
-    for setting in governing:
+    in_force = governing(program)
+    for setting in in_force:
         if setting.origin == "controller":
             continue  # its numbers live in the controller; process.yaml and the cell state them
-        name = "$BASE" if setting.what == "base" else "$TOOL"
+        name = _frame_name(setting)
         where = f"{program.path}, line {setting.line}: {setting.text.strip()}"
         if setting.origin == "expression" or setting.pose is None or np.isnan(setting.pose).any():
             raise InputError(
@@ -161,34 +190,44 @@ def check_frames(process: Process, program: Program, model: Model) -> None:
                 f"{where}: differs from {key} by {distance:.3f} mm and {angle:.4f} deg; the program would be corrected in the wrong "
                 "place. Make the two agree."
             )
-    _refuse_changes(program, governing)
+    refuse_changes(program, in_force)
 
 
-def _governing(program: Program) -> list[FrameSetting]:
+def governing(program: Program) -> list[FrameSetting]:
     """The settings in force at corrected motions."""
     lines = np.sort(program.line[program.corrected])
     found: list[FrameSetting] = []
     for what in ("base", "tool"):
         settings = sorted((s for s in program.frames if s.what == what), key=lambda s: s.line)
         ends = [*(s.line for s in settings[1:]), np.inf]
-        mine = [s for s, end in zip(settings, ends, strict=False) if ((lines > s.line) & (lines < end)).any()]
+        # A motion may name its own frame: then the setting stands on its line.
+        mine = [s for s, end in zip(settings, ends, strict=False) if ((lines >= s.line) & (lines < end)).any()]
         found += mine
     return found
 
 
-def _refuse_changes(program: Program, settings: list[FrameSetting]) -> None:
+def refuse_changes(program: Program, settings: list[FrameSetting]) -> None:
     """Raise InputError if base or tool change between corrected motions: process.yaml holds one workpiece, the cell one tool."""
     for one, two in pairwise(settings):
         if one.what == two.what and _frame_key(one) != _frame_key(two):
-            name = "$BASE" if one.what == "base" else "$TOOL"
+            name = _frame_name(one)
             raise InputError(
                 f"{program.path}, line {two.line}: {two.text.strip()}: {name} changes between corrected motions (line {one.line}: "
                 f"{one.text.strip()}); process.yaml and the cell hold one. Split the program, one part per frame."
             )
 
 
+def _frame_name(setting: FrameSetting) -> str:
+    """What a programmer calls it; KRL's settings have no key of their own."""
+    if setting.key is not None:
+        return "the base frame" if setting.what == "base" else "the tool frame"
+    return "$BASE" if setting.what == "base" else "$TOOL"
+
+
 def _frame_key(setting: FrameSetting) -> object:
-    """What tells one frame from another: the literal's numbers, or the number in the controller's table."""
+    """What tells one frame from another: the literal's numbers, or the name or number in the controller's table."""
+    if setting.key is not None:
+        return setting.key
     if setting.origin == "literal":
         return setting.pose
     numbers = re.findall(r"\d+", setting.text.split(";")[0])

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from array import array
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import chain
@@ -70,6 +70,37 @@ class Refusal:
 
 
 @dataclass(frozen=True)
+class Replacement:
+    """Lines of the program as it was, and the lines that have taken their place.
+
+    Attributes
+    ----------
+    line, before
+        First 1-based line in the program as it was, and its text.
+    new_line, after
+        First 1-based line in the program as it is, and its text.
+    """
+
+    line: int
+    before: str
+    new_line: int
+    after: str
+
+
+def line_before(replaced: Sequence[Replacement], line: int) -> int:
+    """The line of the program as it was that stands on a line of the program as it is, or whose place that line has taken."""
+    shift = 0
+    for change in replaced:
+        last = change.new_line + change.after.count("\n") - (not change.after)
+        if line < change.new_line:
+            break
+        if line <= last:
+            return change.line
+        shift = change.line + change.before.count("\n") - last
+    return line + shift
+
+
+@dataclass(frozen=True)
 class FrameSetting:
     """A line that sets the base frame or the tool.
 
@@ -87,6 +118,8 @@ class FrameSetting:
         The setting as written.
     convention
         What the orientation words of `pose` mean.
+    key
+        What tells this frame from others, where that is not the last number of `text` (a name or number in the controller).
     """
 
     line: int
@@ -95,6 +128,7 @@ class FrameSetting:
     pose: tuple[float, ...] | None
     text: str
     convention: Convention = KUKA
+    key: str | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -147,6 +181,14 @@ class Program:
         (N,) whether the motion starts where the row before ends; not so after a motion whose target is not known.
     frames, refusals, notes, warnings
         Frames the program sets; what cannot be corrected; motions without force whose pose is not known; the rest.
+    container
+        The file as it is, where `raw` is only its text (Parquet).
+    resume
+        What a piece of a longer program takes over from the pieces before it (its dialect knows what that is).
+    spaced_words
+        Whether words follow each other without commas, as in G-code.
+    replaced
+        Lines that straight moves have taken the place of before the program was read.
     """
 
     raw: bytes
@@ -174,6 +216,10 @@ class Program:
     refusals: tuple[Refusal, ...] = ()
     notes: tuple[Refusal, ...] = ()
     warnings: tuple[str, ...] = ()
+    container: bytes | None = None
+    resume: object = None
+    spaced_words: bool = False
+    replaced: tuple[Replacement, ...] = ()
 
     def __len__(self) -> int:
         return len(self.line)
@@ -282,6 +328,21 @@ class ProgramBuilder:
         self.values = [math.nan] * (self.width + EXTERNALS)
         self.source = [-1] * self.width
 
+    def forget_place(self) -> None:
+        """The next row does not start where the last one ends, though the words of the pose are known."""
+        self._moved = True
+
+    @property
+    def moved(self) -> bool:
+        """Whether the next row starts from a place that is not known."""
+        return self._moved
+
+    def last_status(self) -> tuple[int, int, int]:
+        """What was last said of each bit of the branch; -1 where nothing was."""
+        said = np.frombuffer(self._status, dtype=np.int8).reshape(-1, 3)
+        last = [int(bit[bit >= 0][-1]) if (bit >= 0).any() else -1 for bit in said.T]
+        return last[0], last[1], last[2]
+
     def update(self, numbers: Iterable[bytes | None]) -> None:
         """Take over the words that are written (None: not written) into the pose that the next row will have."""
         row, values, source, width = len(self._line), self.values, self.source, self.width
@@ -323,6 +384,20 @@ class ProgramBuilder:
         self._body.append(body)
         self._status.extend(self.status)
         self._feed.append(self.feed_mm_per_min)
+
+    def line(self, row: int) -> int:
+        """Line of a row."""
+        return self._line[row]
+
+    def carries_force(self, row: int) -> bool:
+        """Whether a row is of a motion that carries force."""
+        return self._flags[row] & 1 == 1
+
+    def refuse(self, row: int) -> None:
+        """Mark a row that turns out not to be correctable after all; both rows of an arc."""
+        other = {"via": row + 1, "end": row - 1}.get(self._role[row], row)
+        for mine in (row, other):
+            self._flags[mine] |= 2
 
     def build(
         self,

@@ -4,12 +4,21 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 from drake_stiffness.errors import InputError
+from toolpaths.formats.apt import Apt
+from toolpaths.formats.fanuc import Fanuc
+from toolpaths.formats.gcode import GCode
 from toolpaths.formats.krl import Krl
+from toolpaths.formats.krl_points import naming_note
+from toolpaths.formats.rapid import Rapid
+from toolpaths.formats.urscript import UrScript
+from toolpaths.formats.val3 import Val3
 from toolpaths.formats.waypoints_csv import WaypointsCsv
+from toolpaths.formats.waypoints_parquet import WaypointsParquet, with_cells
 from toolpaths.program import Program
+from toolpaths.rotary import with_meaning
 
 # Spans are held as 32-bit offsets.
 LARGEST_FILE = 2**31 - 1
@@ -35,8 +44,34 @@ class Dialect(Protocol):
         """
 
 
+@runtime_checkable
+class InPieces(Protocol):
+    """A dialect whose programs can be read piece by piece, so that their length costs no memory."""
+
+    def cut(self, raw: bytes) -> int:
+        """Where the last place is at which these bytes may be cut in two, 0 for none."""
+
+    def parse_piece(
+        self, raw: bytes, path: str, resume: object, others: Sequence[tuple[str, bytes]] = ()
+    ) -> tuple[Program, object]:
+        """Read a piece, given what the piece before handed on (None: the first), and what this one hands on.
+
+        Its first row stands for the last motion before it and is no row of its own.
+        """
+
+
 # The order decides where two dialects recognise the same file.
-DIALECTS: tuple[Dialect, ...] = (Krl(), WaypointsCsv())
+DIALECTS: tuple[Dialect, ...] = (
+    WaypointsParquet(),
+    Rapid(),
+    Fanuc(),
+    UrScript(),
+    Val3(),
+    Krl(),
+    WaypointsCsv(),
+    Apt(),
+    GCode(),
+)
 
 
 def read_program(path: str | Path, dialect: str | None = None) -> Program:
@@ -74,12 +109,40 @@ def read_program(path: str | Path, dialect: str | None = None) -> Program:
 
 def read_again(program: Program, parts: Sequence[bytes]) -> Program:
     """A program with other bytes in its files, read by the same dialect."""
-    dialect = next(d for d in DIALECTS if d.name == program.dialect)
-    others = [(part.path, raw) for part, raw in zip(program.parts[1:], parts[1:], strict=True)]
-    again = dialect.parse(parts[0], program.path, others)
+    dialect = dialect_of(program)
+    if program.resume is not None and isinstance(dialect, InPieces):
+        again, _ = dialect.parse_piece(parts[0], program.path, program.resume)
+    else:
+        others = [(part.path, raw) for part, raw in zip(program.parts[1:], parts[1:], strict=True)]
+        again = dialect.parse(parts[0], program.path, others)
     if len(again) != len(program):
         raise AssertionError("the corrected program reads as another number of motions")  # a fault of ours: exit code 1
-    return again
+    return with_meaning(again, program.convention, program.unit[3:])
+
+
+def dialect_of(program: Program) -> Dialect:
+    """The dialect that read a program."""
+    return next(d for d in DIALECTS if d.name == program.dialect)
+
+
+def files_of(program: Program, parts: Sequence[bytes]) -> tuple[bytes, ...]:
+    """The bytes to write for a program whose parts now read so, one entry a file."""
+    if program.container is None:
+        return tuple(parts)
+    return (program.container if parts[0] == program.raw else with_cells(program, parts[0]),)
+
+
+def naming_notes(program: Program, output: Path) -> list[str]:
+    """What the user should know of the names under which the files of a program are written."""
+    if program.dialect == Val3.name and len(program.parts) > 1:
+        return [
+            "the corrected points are in the .dtx beside the output; the application's .pjx names its files: give both the names of "
+            "the originals"
+        ]
+    if program.dialect != Krl.name or len(program.parts) < 2:
+        return []
+    found = [naming_note(program.raw[part.start : part.end], output.stem) for part in program.parts[1:]]
+    return [note for note in found if note is not None]
 
 
 def _read(path: Path, known: str) -> bytes:
