@@ -1,24 +1,50 @@
-"""The wrench on the tool at every corrected point, in world axes."""
+"""The wrench on the tool at every corrected point, in world axes, and how sure it is."""
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from drake_stiffness.errors import InputError
-from drake_stiffness.tables import read_table
+from drake_stiffness.tables import Table, TableReader, read_table
+from toolpaths.milling.along_path import MillingLoad, milling_load
+from toolpaths.path_axes import motion_numbers, path_axes
 from toolpaths.process import FRAMES, Process
 from toolpaths.program import Program
 
 Floats = NDArray[np.float64]
 
+_TABLE = "a force table with columns fx_N .. mz_Nm"
 _COLUMNS = (("fx", 0), ("fy", 1), ("fz", 2), ("mx", 3), ("my", 4), ("mz", 5))
 
 
-def wrenches(process: Process, program: Program, rows: NDArray[np.int_], p_W: Floats, R_WT: Floats) -> Floats:
-    """Wrench (6, N) at the TCP in world axes for the corrected rows.
+@dataclass(frozen=True, eq=False)
+class Load:
+    """The load on N corrected points.
+
+    Attributes
+    ----------
+    wrench : (6, N)
+        At the TCP in world axes; for milling at the depth of cut that the process states.
+    relative_sigma : (N,)
+        Standard deviation of the wrench as a share of it: one common factor on all six components of all points. What
+        `force.relative_sigma` says, else that of the coefficients of cutting, else 0: not stated.
+    milling : MillingLoad or None
+        How the wrench follows the true depth of cut, where it does.
+    notes : what the user should know
+    """
+
+    wrench: Floats
+    relative_sigma: Floats
+    milling: MillingLoad | None = None
+    notes: tuple[str, ...] = ()
+
+
+def loads(process: Process, program: Program, rows: NDArray[np.int_], p_W: Floats, R_WT: Floats) -> Load:
+    """The load at the TCP for the corrected rows.
 
     Parameters
     ----------
@@ -32,8 +58,25 @@ def wrenches(process: Process, program: Program, rows: NDArray[np.int_], p_W: Fl
     Raises
     ------
     InputError
-        If a force table does not fit the program, or path axes are not defined where they are needed.
+        If a force or engagement table does not fit the program, or path axes or a feed are not defined where they are needed.
     """
+    settings, stated = process.force.milling, process.force.relative_sigma
+    if settings is not None:
+        milling = milling_load(
+            settings, process.path.parent, program, rows, p_W, R_WT, process.spindle_axis, process.base[0]
+        )
+        sigma = np.full(rows.size, milling.relative_sigma if stated is None else stated)
+        return Load(milling.nominal(), sigma, milling if settings.coupled else None, milling.notes)
+    return Load(_given(process, program, rows, p_W, R_WT), np.full(rows.size, stated or 0.0))
+
+
+def wrenches(process: Process, program: Program, rows: NDArray[np.int_], p_W: Floats, R_WT: Floats) -> Floats:
+    """Wrench (6, N) alone, as `loads` finds it."""
+    return loads(process, program, rows, p_W, R_WT).wrench
+
+
+def _given(process: Process, program: Program, rows: NDArray[np.int_], p_W: Floats, R_WT: Floats) -> Floats:
+    """Wrench (6, N) of a constant or a table."""
     local, frame = _stated(process, program, rows)
     axes = np.broadcast_to(np.eye(3), (rows.size, 3, 3)).copy()
     axes[frame == "workpiece"] = process.base[0]
@@ -54,9 +97,8 @@ def _stated(process: Process, program: Program, rows: NDArray[np.int_]) -> tuple
         return np.broadcast_to(constant.wrench, (rows.size, 6)), np.full(rows.size, constant.frame)
     assert process.force.table is not None
     path = process.path.parent / process.force.table
-    table, frame = read_force_table(path, process.force.frame or "tool")
-    # "via" opens a motion, "end" closes the same one.
-    motion = np.cumsum(program.role[rows] != "end") - 1
+    table, frame = process.force_rows or read_force_table(path, process.force.frame or "tool")
+    motion = motion_numbers(program, rows)
     number = int(motion[-1]) + 1 if motion.size else 0
     if table.shape[0] != number:
         raise InputError(
@@ -74,7 +116,11 @@ def read_force_table(path: Path, default: str) -> tuple[Floats, NDArray[np.str_]
     default : str
         The frame where the table has no column `frame`.
     """
-    table = read_table(path, "a force table with columns fx_N .. mz_Nm")
+    return force_columns(read_table(path, _TABLE), default)
+
+
+def force_columns(table: Table, default: str) -> tuple[Floats, NDArray[np.str_]]:
+    """See `read_force_table`."""
     units = {"f": ("_N", "_kN"), "m": ("_Nm", "_kNm")}
     known = {stem + unit for stem, _ in _COLUMNS for unit in units[stem[0]]} | {"frame"}
     table.refuse_unknown(known, allowed_prefix="note")
@@ -90,60 +136,39 @@ def read_force_table(path: Path, default: str) -> tuple[Floats, NDArray[np.str_]
     return out, np.array(frame)
 
 
-def path_axes(program: Program, rows: NDArray[np.int_], p_W: Floats, R_WT: Floats, needed: NDArray[np.bool_]) -> Floats:
-    """Path axes (N, 3, 3): x along the feed at the point, z the tool's z made perpendicular to it, y completes them.
+class ForceRows:
+    """A force table that is read in step with a program that comes in pieces."""
 
-    Parameters
-    ----------
-    needed : (N,)
-        Where the load really depends on the feed; elsewhere the tool's axes will do.
-    """
-    feed = _feed(program, rows, p_W)
-    z = R_WT[:, :, 2]
-    across = np.cross(z, feed)
-    size = np.linalg.norm(across, axis=1)
-    undefined = ~(size > 1e-6)
-    for row in np.flatnonzero(undefined & needed)[:1].tolist():
-        raise InputError(
-            f"{program.path}, line {program.line[rows[row]]}: path axes are not defined: the feed is zero, unknown or along the "
-            "tool's z. Give the force in tool, workpiece or world axes, or as a table."
-        )
-    y = across / np.where(undefined, 1.0, size)[:, None]
-    axes = np.stack([feed, y, np.cross(feed, y)], axis=2)
-    return np.where(undefined[:, None, None], R_WT, axes)
+    def __init__(self, process: Process) -> None:
+        assert process.force.table is not None
+        self.path = process.path.parent / process.force.table
+        self._default = process.force.frame or "tool"
+        self._reader = TableReader(self.path, _TABLE)
+        self._taken = 0
 
+    def take(self, program: Program) -> tuple[Floats, NDArray[np.str_]]:
+        """The rows of the corrected motions of a piece.
 
-def _feed(program: Program, rows: NDArray[np.int_], p_W: Floats) -> Floats:
-    """Unit feed (N, 3) at the end of the segment that leads to each row; of the one that leaves it for the very first."""
-    before = np.maximum(rows - 1, 0)
-    first = rows == 0
-    before[first] = np.minimum(rows[first] + 1, p_W.shape[0] - 1)
-    step = p_W[rows] - p_W[before]
-    step[first] *= -1
-    step[~first & ~program.follows[rows]] = 0.0  # it starts from somewhere else
-    via, end = program.role[rows] == "via", program.role[rows] == "end"
-    if via.any():
-        # Both poses of an arc are rows in sequence: start, via, end.
-        for at, mine in ((0, via), (1, end)):
-            here = rows[mine] - at
-            start, middle, last = p_W[np.maximum(here - 1, 0)], p_W[here], p_W[np.minimum(here + 1, p_W.shape[0] - 1)]
-            step[mine] = _arc_tangent(start, middle, last, at_end=at == 1)
-    size = np.linalg.norm(step, axis=1, keepdims=True)
-    known = size > 1e-9
-    return np.where(known, step / np.where(known, size, 1.0), 0.0)
+        Raises
+        ------
+        InputError
+            If the table ends before the program does.
+        """
+        number = int((program.role[program.corrected] != "end").sum())
+        table = self._reader.take(number)
+        self._taken += len(table.rows)
+        if len(table.rows) < number:
+            raise InputError(
+                f"{self.path}: {self._taken} rows, but {program.path} has more corrected motions (linear and circular moves); expected one "
+                "row per corrected motion, in order."
+            )
+        return force_columns(table, self._default)
 
-
-def _arc_tangent(a: Floats, b: Floats, c: Floats, *, at_end: bool) -> Floats:
-    """Tangents (N, 3), in the sense of travel, of the circles through a, b, c at b or at c.
-
-    With chords u = b - a, v = c - b of one circle, the tangent at b is u/|u|^2 + v/|v|^2 up to length, and the tangent at c is
-    v/|v|^2 + (a - c)/|a - c|^2 (the same, seen from c with the chord to a).
-    """
-
-    def over_square(w: Floats) -> Floats:
-        square = (w**2).sum(axis=1, keepdims=True)
-        return w / np.where(square > 0, square, 1.0)
-
-    if at_end:
-        return over_square(c - b) + over_square(a - c)
-    return over_square(b - a) + over_square(c - b)
+    def finish(self, path: str) -> None:
+        """Raise InputError if rows are left over."""
+        left = len(self._reader.take(1).rows)
+        if left:
+            raise InputError(
+                f"{self.path}: more rows than the {self._taken} corrected motions of {path} (linear and circular moves); expected one row per "
+                "corrected motion, in order."
+            )
