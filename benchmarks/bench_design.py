@@ -26,11 +26,12 @@ def design(criterion: str, postures: int, candidates: int) -> dict[str, Any]:
 
     from drake_stiffness.cell import read_cell
     from drake_stiffness.commands.design import loaded_path
-    from drake_stiffness.design.assumptions import assumed_model, suspected_effect
+    from drake_stiffness.design.assumptions import assumed_model
     from drake_stiffness.design.exchange import exchange, rounded_plan
     from drake_stiffness.design.relaxation import relax
     from drake_stiffness.design.settings import Design
     from drake_stiffness.design.space import make_criterion, path_gradients, prepare
+    from drake_stiffness.design.suspicion import suspected_effect
     from drake_stiffness.plant import build_arm
 
     cell, settings = read_cell(KR270 / "cell.yaml"), Design(candidates=candidates)

@@ -80,18 +80,19 @@ def show(title: str, header: Sequence[str], rows: Sequence[Sequence[str]], notes
 class Stopwatch:
     """Seconds by name; the time of inner stopwatches is taken off the outer one, so that names never overlap."""
 
-    def __init__(self) -> None:
+    def __init__(self, clock: Callable[[], float] = time.perf_counter) -> None:
+        self._clock = clock
         self.seconds: dict[str, float] = defaultdict(float)
         self._inner: list[float] = []
 
     @contextmanager
     def __call__(self, name: str) -> Iterator[None]:
         self._inner.append(0.0)
-        start = time.perf_counter()
+        start = self._clock()
         try:
             yield
         finally:
-            spent = time.perf_counter() - start
+            spent = self._clock() - start
             self.seconds[name] += spent - self._inner.pop()
             if self._inner:
                 self._inner[-1] += spent

@@ -51,13 +51,17 @@ class Equilibrium:
     iterations: int
 
 
-def solve_equilibrium(structure: Structure, cases: Cases, start: Equilibrium | None = None) -> Equilibrium:
+def solve_equilibrium(
+    structure: Structure, cases: Cases, start: Equilibrium | None = None, tolerance: float = _TOLERANCE
+) -> Equilibrium:
     """The loaded equilibrium of every case.
 
     Parameters
     ----------
     start : Equilibrium, optional
         Of the same cases at nearly the same joints: the iteration starts from its deflections.
+    tolerance : float
+        Deflections stand when nothing moves by more than this, rad or m.
 
     Raises
     ------
@@ -67,7 +71,7 @@ def solve_equilibrium(structure: Structure, cases: Cases, start: Equilibrium | N
     history = bool(structure.others)
     size = cases.number if history else CHUNK  # load history runs over the cases: they stay together
     parts = [
-        _solve_chunk(structure, cases.take(slice(a, a + size)), a, start)
+        _solve_chunk(structure, cases.take(slice(a, a + size)), a, start, tolerance)
         for a in range(0, max(cases.number, 1), max(size, 1))
     ]
     if len(parts) == 1:
@@ -85,7 +89,9 @@ def solve_equilibrium(structure: Structure, cases: Cases, start: Equilibrium | N
     )
 
 
-def _solve_chunk(structure: Structure, cases: Cases, first: int, start: Equilibrium | None) -> Equilibrium:
+def _solve_chunk(
+    structure: Structure, cases: Cases, first: int, start: Equilibrium | None, tolerance: float
+) -> Equilibrium:
     arm, N = structure.arm, cases.number
     wrench = cases.wrench
     for effect, x in structure.wrench_effects:
@@ -118,9 +124,9 @@ def _solve_chunk(structure: Structure, cases: Cases, first: int, start: Equilibr
         for case in np.flatnonzero(~(change < HOPELESS)):
             judge_stability(structure, cases.take(np.array([case])), first + int(case), None, True)
         poses = forward(arm, cases.q, theta_joint, theta_link)
-        if change.max() < _TOLERANCE:
+        if change.max() < tolerance:
             break
-    failed = ~(before < max(_TOLERANCE, 1e-11))
+    failed = ~(before < max(tolerance, 1e-11))
     doubtful = np.flatnonzero((rate > _DOUBTFUL_RATE) | failed | (softness(structure, cases) > _DOUBTFUL_RATE))
     for case in doubtful:
         one = cases.take(np.array([case]))

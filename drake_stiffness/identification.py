@@ -28,9 +28,11 @@ from drake_stiffness.structure import acts_on_joints
 
 Method = Literal["sdp", "least-squares"]
 
-_MAX_OUTER = 60
+MOST_ITERATIONS = 60
 # The parameters stand when the fitted readings move by less than this, in units of noise over all readings together.
 _STANDS = 1e-5
+# After the last iteration this is still small enough: no parameter moves by more than a hundredth of its own sigma.
+_LAST_STEP = 1e-2
 # What is smaller than this, in units of scale, is rounding.
 _ROUNDING = 1e-12
 # Below this step, in the same unit, the last linearisation serves to the end.
@@ -72,7 +74,11 @@ class Solution:
 
 
 def identify(
-    model: Model, o: Observations, method: Method = "sdp", progress: Callable[[str], None] = lambda text: None
+    model: Model,
+    o: Observations,
+    method: Method = "sdp",
+    progress: Callable[[str], None] = lambda text: None,
+    most_iterations: int = MOST_ITERATIONS,
 ) -> Solution:
     """Fit a model's parameters to observations.
 
@@ -81,6 +87,9 @@ def identify(
     model : Model
         With start values (`start.starting_model` finds a tracker frame if one is wanted).
     method : 'sdp' or 'least-squares'
+    most_iterations : int
+        Of every outer iteration. Fits that only ask whether a suspect helps give up sooner; it is a number of steps and no time,
+        so that the answer does not depend on the machine.
 
     Raises
     ------
@@ -93,29 +102,32 @@ def identify(
         _refuse_without_cone(model)
     springs, effects = spring_parameters(model), model.effects
     bends = [isinstance(effect, Spring) or acts_on_joints(effect) for effect in model.effects]
-    if any(map(acts_on_joints, effects)):
+    if any(map(acts_on_joints, effects)) and springs.any():
         # Springs alone, and no positions: hardware then only varies what a joint's spring seems to be.
         only = model.subset([isinstance(effect, Spring) for effect in effects])
-        bent = _iterate(only, replace(o, displacement=True), "least-squares", progress).model
+        bent = _iterate(only, replace(o, displacement=True), "least-squares", progress, most_iterations).model
         model = with_something_to_turn(model, bent)
         if method == "sdp":
-            bent = _iterate(model.subset(bends) if o.displacement else model, o, "least-squares", progress).model
+            free = model.subset(bends) if o.displacement else model
+            bent = _iterate(free, o, "least-squares", progress, most_iterations).model
             model = with_joints_held(model, bent)
     if o.displacement and any(bends) and not all(bends):
         # What a tracker's tilt or a zero offset does to displacements shows only on an arm that bends: springs first.
         x, own = model.x.copy(), np.repeat(bends, [len(effect.parameters) for effect in model.effects])
-        x[springs] = _iterate(model.subset(bends), o, method, progress).model.x[springs[own]]
+        x[springs] = _iterate(model.subset(bends), o, method, progress, most_iterations).model.x[springs[own]]
         model = model.with_x(x)
-    solution = _iterate(model, o, method, progress)
+    solution = _iterate(model, o, method, progress, most_iterations)
     if not springs.all():
         # The same for what shows in positions only once springs are there, a payload for one.
         length = np.linalg.norm(columns(o, solution.model), axis=0)
         if (solution.identifiability.zero & (length > _NEWLY_SEEN)).any():
-            solution = _iterate(solution.model, o, method, progress)
+            solution = _iterate(solution.model, o, method, progress, most_iterations)
     return replace(solution, model=replace(solution.model, effects=effects))
 
 
-def _iterate(model: Model, o: Observations, method: Method, progress: Callable[[str], None]) -> Solution:
+def _iterate(
+    model: Model, o: Observations, method: Method, progress: Callable[[str], None], most_iterations: int
+) -> Solution:
     """The outer iteration; what is seen is decided at the model it starts from."""
     natural = np.repeat(
         [isinstance(e, Spring) or acts_on_joints(e) for e in model.effects], [len(e.parameters) for e in model.effects]
@@ -124,7 +136,7 @@ def _iterate(model: Model, o: Observations, method: Method, progress: Callable[[
     constant = not has_finite_differences(model)
     A, view, program = np.empty((0, 0)), None, None
     size, damping = np.inf, 1.0
-    for iteration in range(1, _MAX_OUTER + 1):
+    for iteration in range(1, most_iterations + 1):
         if view is None or program is None or (not constant and size > _NEAR):
             progress(f"iteration {iteration}: observation matrix of {o.rows} rows, {model.x.size} unknowns")
             A = columns(o, model)
@@ -146,9 +158,9 @@ def _iterate(model: Model, o: Observations, method: Method, progress: Callable[[
         model = model.with_x(new * model.scales)
         if size < _STANDS or (size < 1e-3 and size > 0.5 * before):
             break
-    else:
+    if view is None or program is None or size > _LAST_STEP:
         raise UntrustworthyError(
-            f"the parameters do not come to rest in {_MAX_OUTER} iterations (last step {size:.3g} sigma of all readings "
+            f"the parameters do not come to rest in {most_iterations} iterations (last step {size:.3g} sigma of all readings "
             "together); the start may be far off, or a tracker frame, unit or sign is wrong."
         )
     residual = y - predicted(o, model)

@@ -108,6 +108,7 @@ def identify_task(
     from drake_stiffness.campaign_limits import limits_of
     from drake_stiffness.groups import find_groups
     from drake_stiffness.identification import identify
+    from drake_stiffness.model_form import model_form
     from drake_stiffness.noise_components import seen_noise
     from drake_stiffness.observation import residual_m
     from drake_stiffness.semidefinite import smallest_eigenvalue
@@ -129,7 +130,9 @@ def identify_task(
     entry["noise_components"] = seen_noise(task.measurements, task.arm, task.cell.reference_points_m, campaign.noise)
     if o.whitening is not None:  # whitened rows mix the readings of a step
         entry["residual_rms_mm"] = st.rms_mm(residual_m(o, solution.model))
-    beside = trust.held_out(solution, task.observations(held)) if held.any() else None
+    others = task.observations(held) if held.any() else None
+    beside = trust.held_out(solution, others) if others is not None else None
+    entry["model_form"] = model_form(solution, numbers, others or o, beside)
     doubts = [verdict.line() for verdict in trust.verdicts(solution, groups, fit, beside)]
     lines = [
         *doubts,

@@ -260,6 +260,6 @@ def columns(o: Observations, model: Model) -> Array:
 def whitened(o: Observations, change: Array) -> Array:
     """Changes of the readings `(M, 6, n)`, m and rad, in units of noise, references taken off: `(rows, n)`."""
     n = change.shape[2]
-    position = (change[:, :3] / o.sigma_p).reshape(-1, n)
-    turned = (change[o.turned, 3:] / o.sigma_r).reshape(-1, n)
+    position = (change[:, :3] / o.sigma_p).reshape(3 * change.shape[0], n)
+    turned = (change[o.turned, 3:] / o.sigma_r).reshape(3 * o.turned.size, n)
     return _center(o, np.concatenate([position, turned]))

@@ -6,6 +6,8 @@ long multiplications, which numpy does about ten times faster than one small mat
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -32,7 +34,13 @@ def rotate_back(R: Array, v: Array) -> Array:
 
 def cross(a: Array, b: Array) -> Array:
     """Vector product of `(3, N)` arrays (numpy.cross moves axes about and is slower)."""
-    return np.stack([a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]])
+    # One array that is filled: stacking three costs more than computing them where N is small.
+    x = a[1] * b[2] - a[2] * b[1]
+    out = np.empty((3, *x.shape))
+    out[0] = x
+    out[1] = a[2] * b[0] - a[0] * b[2]
+    out[2] = a[0] * b[1] - a[1] * b[0]
+    return out
 
 
 def _coefficients(r: Array) -> tuple[Array, Array, Array]:
@@ -62,11 +70,29 @@ def exponential(r: Array) -> Array:
     ax, ay, az = a * x, a * y, a * z
     bxy, bxz, byz = bx * y, bx * z, by * z
     bxx, byy, bzz = bx * x, by * y, bz * z
-    return np.stack(
+    R = np.empty((3, 3, r.shape[1]))
+    R[0, 0], R[0, 1], R[0, 2] = 1 - byy - bzz, bxy - az, bxz + ay
+    R[1, 0], R[1, 1], R[1, 2] = bxy + az, 1 - bxx - bzz, byz - ax
+    R[2, 0], R[2, 1], R[2, 2] = bxz - ay, byz + ax, 1 - bxx - byy
+    return R
+
+
+def rotation_of_vector(r: Array) -> Array:
+    """The rotation `(3, 3)` of one rotation vector `(3,)`: Rodrigues in plain numbers, which is quicker for a single one."""
+    x, y, z = r.tolist()
+    s = x * x + y * y + z * z
+    if s < _SMALL_ANGLE_SQUARED:
+        a = 1 + s * (-1 / 6 + s * (1 / 120 + s * (-1 / 5040 + s / 362880)))
+        b = 1 / 2 + s * (-1 / 24 + s * (1 / 720 + s * (-1 / 40320 + s / 3628800)))
+    else:
+        angle = math.sqrt(s)
+        a, b = math.sin(angle) / angle, 2 * (math.sin(angle / 2) / angle) ** 2
+    c = 1 - b * s
+    return np.array(
         [
-            np.stack([1 - byy - bzz, bxy - az, bxz + ay]),
-            np.stack([bxy + az, 1 - bxx - bzz, byz - ax]),
-            np.stack([bxz - ay, byz + ax, 1 - bxx - byy]),
+            [c + b * x * x, b * x * y - a * z, b * x * z + a * y],
+            [b * x * y + a * z, c + b * y * y, b * y * z - a * x],
+            [b * x * z - a * y, b * y * z + a * x, c + b * z * z],
         ]
     )
 

@@ -47,11 +47,11 @@ def with_something_to_turn(model: Model, bent: Model) -> Model:
     """The model with every joint that hardware acts on started at its value in `bent`, or at a typical one.
 
     A torque on a rigid joint moves nothing, so a gravity compensator would not be seen from there; on a joint far too stiff it
-    would seem to be far too strong.
+    would seem to be far too strong. What readings of weight alone say of the joint is in the model's own start, if it has one.
     """
     share, x = _shares(bent), model.x.copy()
     for effect, own in _turned(model):
-        x[own] = max(share[effect.where], _TYPICAL * effect.scale)
+        x[own] = max(share[effect.where] or float(x[own][0]), _TYPICAL * effect.scale)
     return model.with_x(x)
 
 

@@ -48,20 +48,24 @@ class Support:
         Share (0 .. 1) of the prediction that rests on directions the campaign did not see.
     low, high : (M, 3)
         Ends of the 95 % interval, m, counted from the prediction (low <= 0 <= high); NaN without statistics.
+    covariance, centre : (M, 3, 3), (M, 3)
+        Of the error of least squares at the reading, m^2, and least squares minus the prediction, m; NaN without statistics.
     """
 
     sigma: Array
     unsupported: Array
     low: Array
     high: Array
+    covariance: Array
+    centre: Array
 
 
 def displacement_support(model: Model, cases: Cases, case: NDArray[np.int_], point: NDArray[np.str_]) -> Support:
     """Support of predicted displacements (loaded minus unloaded at the same joints)."""
-    parts = []
+    parts, evidence = [], _Evidence.of(model)
     for start in range(0, case.size, _CHUNK):
         own = slice(start, start + _CHUNK)
-        parts.append(_support(model, displacement_gradient(model, cases, case[own], point[own])))
+        parts.append(_support(evidence, displacement_gradient(model, cases, case[own], point[own])))
     return Support(*(np.concatenate([getattr(p, f.name) for p in parts]) for f in fields(Support)))
 
 
@@ -69,6 +73,10 @@ def displacement_gradient(model: Model, cases: Cases, case: NDArray[np.int_], po
     """How displacements (loaded minus unloaded at the same joints) change with the parameters, (M, 3, n) per unit of scale."""
     used, here = np.unique(case, return_inverse=True)
     few, here = cases.take(used), here.reshape(-1)
+    if all(isinstance(effect, Spring) for effect in model.effects):
+        # Columns of springs are linear in what they carry (seed eq. 23): weight drops out of the difference.
+        weightless = replace(model, arm=replace(model.arm, gravity=np.zeros(3)))
+        return sensitivity(weightless, few, here, point)[:, :3]
     loaded, unloaded = sensitivity(model, few, here, point), sensitivity(model, few.unloaded(), here, point)
     return loaded[:, :3] - unloaded[:, :3]
 
@@ -82,32 +90,78 @@ def tool_support(model: Model, cases: Cases) -> Support:
 
 def position_support(model: Model, cases: Cases, case: NDArray[np.int_], point: NDArray[np.str_]) -> Support:
     """Support of predicted positions."""
-    return _support(model, sensitivity(model, cases, case, point)[:, :3])
+    return _support(_Evidence.of(model), sensitivity(model, cases, case, point)[:, :3])
 
 
-def _support(model: Model, gradient: Array) -> Support:
+@dataclass(frozen=True, eq=False)
+class _Evidence:
+    """What the campaign says of the parameters, per unit of scale, in the form that gradients are multiplied with.
+
+    Attributes
+    ----------
+    root : (n, r)
+        C = root root^T.
+    shift : (n,)
+        Least squares less the model.
+    weight : (n,)
+        Plausible size of every parameter.
+    unseen : (n, k)
+        |a unseen| is the weighted length of the part of a gradient that the campaign did not see.
+    """
+
+    root: Array
+    shift: Array
+    weight: Array
+    unseen: Array
+
+    @classmethod
+    def of(cls, model: Model) -> _Evidence | None:
+        """None where the model carries no statistics."""
+        s = model.statistics
+        if s is None or not model.x.size:
+            return None
+        shift = np.zeros(model.x.size) if s.shift is None else s.shift / model.scales
+        weight = _plausible_size(model)
+        # |a U U^T W| = |a U R^T| where W U = Q R: half the work, and nothing as wide as the gradients is made.
+        triangle = np.asarray(np.linalg.qr(weight[:, None] * s.null_space, mode="r"))
+        unseen = s.null_space @ triangle.T
+        return cls(_root(s.covariance / np.outer(model.scales, model.scales)), shift, weight, unseen)
+
+
+def _support(evidence: _Evidence | None, gradient: Array) -> Support:
     """From gradients (M, 3, n) per unit scale."""
     M = gradient.shape[0]
-    s = model.statistics
-    if s is None or not model.x.size:
+    if evidence is None:
         unknown = np.full((M, 3), np.nan)
-        return Support(unknown, np.zeros(M), unknown, unknown)
-    cov = s.covariance / np.outer(model.scales, model.scales)
-    sigma = np.sqrt(np.maximum(np.einsum("mci,mci->mc", gradient @ cov, gradient), 0.0))
-    centre = gradient @ (np.zeros(model.x.size) if s.shift is None else s.shift / model.scales)
+        return Support(unknown, np.zeros(M), unknown, unknown, np.full((M, 3, 3), np.nan), unknown)
+    spread = gradient @ evidence.root
+    covariance = spread @ spread.transpose(0, 2, 1)
+    sigma = np.sqrt(np.einsum("mcc->mc", covariance))
+    centre = gradient @ evidence.shift
     low, high = np.minimum(centre - Z95 * sigma, 0.0), np.maximum(centre + Z95 * sigma, 0.0)
-    return Support(sigma, _unsupported(model, gradient, s.null_space), low, high)
+    return Support(sigma, _unsupported(evidence, gradient), low, high, covariance, centre)
 
 
-def _unsupported(model: Model, gradient: Array, unseen: Array) -> Array:
-    if not unseen.shape[1]:
-        return np.zeros(gradient.shape[0])
+def _root(C: Array) -> Array:
+    """F (n, r) with F F^T = C, r its rank: fewer columns than C, so that the product with many gradients costs less."""
+    values, vectors = np.linalg.eigh(C)
+    kept = values > 1e-14 * values.max(initial=0.0)
+    return np.asarray(vectors[:, kept] * np.sqrt(values[kept]))
+
+
+def _plausible_size(model: Model) -> Array:
+    """Of every parameter (n,), in units of scale: the larger of its value and the typical size of compliances."""
     size = np.abs(model.x / model.scales)
     springs = np.array([isinstance(e, Spring) for e in model.effects for _ in e.parameters], dtype=bool)
     # A model without any compliance, a campaign without load say, has no typical size: then one unit of scale is.
     typical = float(np.sqrt((size[springs] ** 2).mean())) if springs.any() else 0.0
     typical = typical if typical > _NOTHING else 1.0
-    weight = np.where(springs, np.maximum(size, typical), 1.0)
-    blind = (gradient @ unseen) @ unseen.T
-    whole = np.sqrt(((gradient * weight) ** 2).sum(axis=(1, 2)))
-    return np.sqrt(((blind * weight) ** 2).sum(axis=(1, 2))) / np.where(whole > 0, whole, 1.0)
+    return np.where(springs, np.maximum(size, typical), 1.0)
+
+
+def _unsupported(evidence: _Evidence, gradient: Array) -> Array:
+    if not evidence.unseen.shape[1]:
+        return np.zeros(gradient.shape[0])
+    blind = gradient @ evidence.unseen
+    whole = np.sqrt((gradient**2 @ evidence.weight**2).sum(axis=1))
+    return np.sqrt((blind**2).sum(axis=(1, 2))) / np.where(whole > 0, whole, 1.0)

@@ -182,3 +182,58 @@ def read_table(path: Path | str, what: str) -> Table:
         if len(cells) != len(header):
             raise InputError(f"{path}, line {line}: {len(cells)} cells, but the header has {len(header)} columns.")
     return Table(path, header, rows[1:], lines[1:])
+
+
+class TableReader:
+    """A CSV table as `read_table` reads it, some rows at a time; for tables too long to be held."""
+
+    def __init__(self, path: Path, what: str) -> None:
+        self.path = path
+        self._what = what
+        try:
+            self._file = path.open(encoding="utf-8-sig", newline="")
+        except OSError as error:
+            raise InputError(f"{path}: cannot be read ({error.strerror}); expected {what}.") from None
+        self._reader = csv.reader(self._file, strict=True)
+        header = self._next()
+        if header is None:
+            raise InputError(f"{path}: the file is empty; expected {what}.")
+        self.header = tuple(cell.strip() for cell in header)
+        for name in self.header:
+            if self.header.count(name) > 1:
+                raise InputError(f"{path}, line 1: the column '{name}' appears twice; keep one.")
+
+    def take(self, number: int) -> Table:
+        """The next rows, fewer where the table ends.
+
+        Raises
+        ------
+        InputError
+            If a row is ragged, or the text is not UTF-8 or no CSV.
+        """
+        rows: list[list[str]] = []
+        lines: list[int] = []
+        while len(rows) < number:
+            cells = self._next()
+            if cells is None:
+                self._file.close()
+                break
+            if len(cells) != len(self.header):
+                raise InputError(
+                    f"{self.path}, line {self._reader.line_num}: {len(cells)} cells, but the header has {len(self.header)} columns."
+                )
+            rows.append(cells)
+            lines.append(self._reader.line_num)
+        return Table(self.path, self.header, rows, lines)
+
+    def _next(self) -> list[str] | None:
+        if self._file.closed:
+            return None
+        try:
+            return next((cells for cells in self._reader if any(cell.strip() for cell in cells)), None)
+        except UnicodeDecodeError:
+            raise InputError(
+                f"{self.path}: not UTF-8 after line {self._reader.line_num}; save the table as UTF-8 CSV."
+            ) from None
+        except csv.Error as error:
+            raise InputError(f"{self.path}, line {self._reader.line_num}: not a CSV table ({error}).") from None

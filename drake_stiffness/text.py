@@ -143,10 +143,11 @@ def show_suggestions(console: Console, suggestions: list[Suggestion]) -> None:
         console.print(f"... and {len(order) - _SUGGESTED} more doubtful ones.")
 
 
-def show_compensation(console: Console, result: Compensation, output: Path) -> None:
-    """Largest and RMS correction, residuals, what was refused."""
+def show_compensation(console: Console, result: Compensation, output: Path | None) -> None:
+    """Largest and RMS correction, residuals with their interval, causes, what was refused; no output: nothing was written."""
     d = result.to_dict()
-    table = Table(title=f"{output.name}: {d['corrected_points']} points corrected")
+    written = f"{output.name}: " if output is not None else "nothing written (dry run): "
+    table = Table(title=f"{written}{d['corrected_points']} points corrected")
     for name in ("mm", "mean", "rms", "p95", "max"):
         table.add_column(name, justify="left" if name == "mm" else "right")
     rows = (
@@ -154,11 +155,23 @@ def show_compensation(console: Console, result: Compensation, output: Path) -> N
         ("deviation uncompensated, predicted", "uncompensated_mm"),
         ("residual after one shot", "one_shot_residual_mm"),
         ("residual converged, as printed", "residual_mm"),
+        ("residual of this model's joint springs alone", "joints_only_mm"),
         ("uncertainty of the model (1 sigma)", "model_sigma_mm"),
     )
-    for label, key in rows:
-        table.add_row(label, *(f"{d[key][k]:.4f}" for k in ("mean", "rms", "p95", "max")))
+    values = [(label, d[key]) for label, key in rows]
+    values.insert(4, ("upper end of its 95 % interval", d["residual_interval_mm"]["high"]))
+    for label, value in values:
+        table.add_row(label, *(f"{value[k]:.4f}" for k in ("mean", "rms", "p95", "max")))
     console.print(table)
+    console.print(f"In the interval: {', '.join(d['residual_interval_mm']['carries'])}.")
+    console.print(f"Not in it: {', '.join(d['residual_interval_mm']['lacks'])}.")
+    causes = [c for c in d["causes"] if np.isfinite(c["share"]) and abs(c["share"]) >= 0.005]
+    shares = ", ".join(
+        f"{c['where'] or c['kind']}{'' if c['told_apart'] else '*'} {100 * c['share']:.0f} %" for c in causes
+    )
+    if shares:
+        merged = " (* known in sums only)" if any(not c["told_apart"] for c in d["causes"]) else ""
+        console.print(f"What bends the tool aside: {shares}{merged}.", markup=False)
     share = d["percent_compensated"]
     compensated = f"{share:.2f} %" if share == share else "nothing to be"
     console.print(
@@ -169,5 +182,10 @@ def show_compensation(console: Console, result: Compensation, output: Path) -> N
         console.print(f"! line {refusal.line} left as it was: {refusal.reason}", markup=False)
     for insertion in result.insertions[:20]:
         console.print(f"! line {insertion.line}: inserted {insertion.text.strip()}", markup=False)
+    for arc in result.program.replaced[:20]:
+        moves = arc.after.count("\n") + 1
+        console.print(
+            f"! line {arc.line}: an arc became {moves} straight moves, from line {arc.new_line} on", markup=False
+        )
     for note in result.notes[:20]:
         console.print(f"! {note}", markup=False)

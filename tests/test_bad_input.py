@@ -741,10 +741,11 @@ def test_waypoint_tables(job, content, says):
 
 
 def test_an_unknown_dialect(job):
-    outcome = job.run("compensate", "--dialect", "gcode")
+    outcome = job.run("compensate", "--dialect", "heidenhain")
     assert outcome.code == 2
-    assert "gcode" in outcome.err
+    assert "heidenhain" in outcome.err
     assert "krl, csv" in outcome.err
+    assert "apt, gcode" in outcome.err
 
 
 @pytest.mark.parametrize(

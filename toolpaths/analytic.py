@@ -19,6 +19,8 @@ Floats = NDArray[np.float64]
 
 # eaik returns nearest misses for poses out of reach; what it solves is good to well below this (m and rad).
 _NEAR = 1e-5
+# Poses at a time: their arrays stay in the processor's cache.
+CHUNK = 2048
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,15 +65,22 @@ class SixAxes:
         poses[:, :3, 3] = np.einsum("nji,nj->ni", R_D, p_WE - p_D)
         poses[:, 3, 3] = 1.0
         found = [s.Q for s in self.solver.IK_batched(poses, num_worker_threads=2)]
-        most = max((len(branch) for branch in found), default=0)
+        counts = np.array([len(branch) for branch in found])
+        most = int(counts.max(initial=1))
         out = np.full((6, max(most, 1), N), np.nan)
-        for row, branch in enumerate(found):
-            if len(branch):
-                out[:, : len(branch), row] = np.asarray(branch).T
-        for b in range(out.shape[1]):
-            trial = driven.copy()
-            trial[self.free] = np.nan_to_num(out[:, b])
-            out[:, b, ~(pose_error(self.arm, trial, R_WE, p_WE)[1] < _NEAR)] = np.nan
+        full = np.flatnonzero(counts == most)
+        if most and full.size:
+            whole = found if full.size == N else [found[row] for row in full]
+            out[:, :, full] = np.concatenate(whole).reshape(full.size, most, 6).transpose(2, 1, 0)
+        for row in np.flatnonzero((counts > 0) & (counts < most)).tolist():
+            out[:, : counts[row], row] = np.asarray(found[row]).T
+        for start in range(0, N, CHUNK):
+            own = slice(start, start + CHUNK)
+            for b in range(out.shape[1]):
+                trial = driven[:, own].copy()
+                trial[self.free] = np.nan_to_num(out[:, b, own])
+                wrong = ~(pose_error(self.arm, trial, R_WE[own], p_WE[own])[1] < _NEAR)
+                out[:, b, own][:, wrong] = np.nan
         return out
 
 

@@ -126,7 +126,7 @@ class RotationVector:
         """See `Convention`."""
         from scipy.spatial.transform import Rotation
 
-        known = np.isfinite(values).all(axis=1)
+        known: NDArray[np.bool_] = np.asarray(np.isfinite(values).all(axis=1))
         R: Floats = Rotation.from_rotvec(np.where(known[:, None], values, 0.0)).as_matrix()
         R[~known] = np.nan
         return R

@@ -3,22 +3,29 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from drake_stiffness.effects.effect import Cases
-from drake_stiffness.errors import InputError, NoEquilibriumError, UntrustworthyError
+from drake_stiffness.errors import NoEquilibriumError, UntrustworthyError
 from drake_stiffness.model import Model
-from drake_stiffness.support import REFUSE_ABOVE, WARN_ABOVE, tool_support
-from toolpaths.compensation import Bench, Corrected, deviation, mirror, reach
-from toolpaths.formats import read_again
-from toolpaths.loaded_path import as_programmed, fail, loaded_path, targets
-from toolpaths.postures import outside_limits
-from toolpaths.process import Process, check_frames, check_model
-from toolpaths.program import Program, Refusal, quantum_mm
+from toolpaths.account import account_of
+from toolpaths.causes import causes_of
+from toolpaths.closed_loop import Learnt, learn
+from toolpaths.compensation import Corrected, mirror
+from toolpaths.linear import LOOKED_AT
+from toolpaths.loaded_path import LoadedPath, SpinChoice, loaded_path
+from toolpaths.notes import notes_of
+from toolpaths.preflight import check_cell, check_deflection, check_force
+from toolpaths.printing import read_back, write_poses
+from toolpaths.probe import CutWith, Probe
+from toolpaths.process import Process, check_frames, check_model, posture
+from toolpaths.program import Program, quantum_mm
+from toolpaths.refusals import check_result, check_support, refuse
 from toolpaths.result import Compensation
-from toolpaths.rewriting import Rewritten, rewrite
+from toolpaths.rewriting import Rewritten
+from toolpaths.rotary import declare
 
 Floats = NDArray[np.float64]
 Progress = Callable[[str, int, int], None]
@@ -28,6 +35,28 @@ def silent(what: str, done: int, total: int) -> None:
     """Progress that nobody watches."""
 
 
+@dataclass(frozen=True)
+class Options:
+    """How a program is corrected.
+
+    Attributes
+    ----------
+    allow_insert : bool
+        Insert words that a correction needs and a line does not write.
+    keep_refused : bool
+        Leave motions that cannot be corrected as they are instead of refusing the program.
+    spin : 'keep' or 'stiffest'
+        Whether the tool may be turned about its axis so that the arm bends least.
+    cut_with : 'uncorrected' or 'corrected'
+        What cut the part that a probe has measured: the program as given, or what this job makes of it.
+    """
+
+    allow_insert: bool = False
+    keep_refused: bool = False
+    spin: SpinChoice = "keep"
+    cut_with: CutWith = "uncorrected"
+
+
 def compensate(
     program: Program,
     model: Model,
@@ -35,16 +64,25 @@ def compensate(
     *,
     allow_insert: bool = False,
     keep_refused: bool = False,
+    spin: SpinChoice = "keep",
+    probe: Probe | None = None,
+    cut_with: CutWith = "uncorrected",
+    lead: Floats | None = None,
+    linear: bool = False,
     progress: Progress = silent,
 ) -> Compensation:
     """Correct a program.
 
     Parameters
     ----------
-    allow_insert : bool
-        Insert words that a correction needs and a line does not write.
-    keep_refused : bool
-        Leave motions that cannot be corrected as they are instead of refusing the program.
+    allow_insert, keep_refused, spin, cut_with
+        See `Options`.
+    probe : Probe, optional
+        What was measured on the part that was cut: its deviation is corrected too.
+    lead : (n,), optional
+        Posture that the branch goes on from, where this is a piece of a longer program; default that of process.yaml.
+    linear : bool
+        Superpose deflections instead of finding the loaded equilibrium; some points are looked at with it all the same.
 
     Raises
     ------
@@ -54,179 +92,129 @@ def compensate(
         If points are out of reach, outside limits or at a singularity; if no equilibrium exists or the iteration does not
         contract; if the model's campaign does not support the prediction.
     """
+    options = Options(allow_insert, keep_refused, spin, cut_with)
     check_model(process, model)
+    program = declare(program, process.gcode, process.path)
     wrong = model.impossible()
     if wrong is not None:
         raise UntrustworthyError(
             f"the model must not be used to machine: {wrong}. Check signs and units of the campaign's loads."
         )
     check_frames(process, program, model)
-    _refuse(program, program.refusals, keep_refused)
-    path = loaded_path(program, model, process, progress)
-    bench, rows, postures, wrench, only = path.bench, path.rows, path.postures, path.wrench, path.only
+    refuse(program, program.refusals, keep_refused)
+    odd = check_cell(process, program, model)
+    path = loaded_path(program, model, process, progress, spin, lead, linear)
+    odd += check_force(program, path.rows, path.wrench, model.arm)
+    start = posture(process, model)
+    first = _correct(program, model, process, path, start, options, None, progress)
+    learnt = None
+    if probe is not None:
+        seen = first.residual if cut_with == "corrected" else first.result.deflection
+        cut_at = first.q if cut_with == "corrected" else path.postures.q
+        by_force = causes_of(path.bench, path.postures.q, path.wrench, first.result.deflection, "").by_force
+        learnt = learn(program, process, path, probe, seen, by_force, cut_at, cut_with)
+        first = _correct(program, model, process, path, start, options, learnt, progress)
+    return _account(program, model, process, path, first, learnt, odd)
+
+
+@dataclass(frozen=True, eq=False)
+class _Done:
+    """One correction: what was found, written, and what the printed numbers do (see `printing.read_back`)."""
+
+    result: Corrected
+    written: Rewritten
+    residual: Floats
+    correction_mm: Floats
+    q: Floats
+
+
+def _correct(
+    program: Program,
+    model: Model,
+    process: Process,
+    path: LoadedPath,
+    start: Floats,
+    options: Options,
+    learnt: Learnt | None,
+    progress: Progress,
+) -> _Done:
+    rows, aim = path.rows, None if learnt is None else learnt.aim
     try:
         result = mirror(
-            bench, postures.q, wrench, only, postures.free, lambda done: progress("mirror iteration", done, rows.size)
+            path.bench,
+            path.postures.q,
+            path.wrench,
+            path.only,
+            path.postures.free,
+            lambda done: progress("mirror iteration", done, rows.size),
+            aim,
+            path.load.milling.at if path.load is not None and path.load.milling is not None else None,
         )
     except NoEquilibriumError as error:
         raise UntrustworthyError(f"{program.path}, line {program.line[rows[error.case]]}: {error.what}") from None
-    _check_result(program, model, rows, result)
-    written = _write(program, process, rows, result, allow_insert)
-    _refuse(program, written.refusals, keep_refused)
+    check_deflection(program, rows, result.deflection)
+    check_result(program, model, rows, result)
+    written = write_poses(program, process, rows, result, options.allow_insert)
+    refuse(program, written.refusals, options.keep_refused)
     progress("reading back", rows.size, rows.size)
-    after, correction = _read_back(
-        program, process, bench, rows, written, result, wrench, path.R, path.p, only, postures.free
+    return _Done(result, written, *read_back(program, process, path, written, result, start, aim))
+
+
+def looked_at(path: LoadedPath, q: Floats) -> list[str]:
+    """Of a job by superposition: how far the loaded equilibrium puts the tool elsewhere, at some points."""
+    if not path.bench.linear:
+        return []
+    some = np.unique(np.linspace(0, q.shape[1] - 1, LOOKED_AT).astype(int))
+    whole = replace(path.bench, linear=False)
+    places = [bench.actual(q[:, some], path.wrench[:, some])[1] for bench in (path.bench, whole)]
+    apart = np.sqrt(((places[0] - places[1]) ** 2).sum(axis=0)) * 1e3
+    return [
+        f"deflections were superposed (--linear), which leaves out what is of second order: at {some.size} points looked at with the loaded "
+        f"equilibrium the tool stands up to {apart.max():.4f} mm elsewhere than said here"
+    ]
+
+
+def _account(
+    program: Program,
+    model: Model,
+    process: Process,
+    path: LoadedPath,
+    done: _Done,
+    learnt: Learnt | None,
+    odd: list[str],
+) -> Compensation:
+    rows, result = path.rows, done.result
+    odd = [*odd, *looked_at(path, done.q)]
+    measured = None if learnt is None else learnt.sigma
+    account = account_of(
+        program, model, process, path, result.deflection, done.residual, done.correction_mm, done.q, measured
     )
-    sigma, unsupported = _support(program, model, rows, postures.q, wrench)
+    check_support(program, rows, account.interval.unsupported)
+    notes = notes_of(program, model, process, path, account, done.correction_mm)
     return Compensation(
         program=program,
-        parts=written.parts,
+        parts=done.written.parts,
         rows=rows,
         line=program.line[rows].astype(int),
         target_mm=program.position_mm[rows],
-        correction_mm=correction,
-        force_N=wrench[:3].T,
+        correction_mm=done.correction_mm,
+        force_N=path.wrench[:3].T,
+        deflection_mm=result.deflection.T * 1e3,
         before_mm=result.before * 1e3,
         one_shot_mm=result.one_shot * 1e3,
-        after_mm=after * 1e3,
+        after_mm=np.sqrt((done.residual**2).sum(axis=0)) * 1e3,
         process=process,
-        sigma_mm=sigma * 1e3,
-        unsupported=unsupported,
+        sigma_mm=account.interval.parameters_mm,
+        unsupported=account.interval.unsupported,
         contraction=float(result.contraction.max(initial=0.0)),
         steps=result.steps,
         quantum_mm=float(np.nanmax(quantum_mm(program)[rows])),
-        method=postures.method,
-        refusals=(*program.refusals, *written.refusals),
-        insertions=written.insertions,
-        notes=_notes(model.doubts(), program, process, rows, only, sigma, unsupported, after, correction),
+        method=path.postures.method,
+        refusals=(*program.refusals, *done.written.refusals),
+        insertions=done.written.insertions,
+        notes=[*odd, *([] if learnt is None else learnt.notes), *notes],
+        account=account,
+        path=path,
+        learnt=learnt,
+        spin=path.spin,
     )
-
-
-def _refuse(program: Program, refusals: tuple[Refusal, ...], keep: bool) -> None:
-    """Raise InputError for motions under force that cannot be corrected, unless they may stay."""
-    bad = [r for r in refusals if r.fatal or (r.carries_force and not keep)]
-    if not bad:
-        return
-    lines = "\n".join(
-        f"{r.path or program.path}, line {r.line}{f', column {r.column}' if r.column else ''}: {r.reason}"
-        for r in bad[:20]
-    )
-    more = f"\n... and {len(bad) - 20} more" if len(bad) > 20 else ""
-    fatal = any(r.fatal for r in bad)
-    mend = "" if fatal else "\nMend these lines, or leave them uncorrected with --keep-refused"
-    words = " (words that are missing can be inserted with --allow-insert)" if any(r.words for r in bad) else ""
-    raise InputError(f"{lines}{more}{mend}{words}." if mend else f"{lines}{more}")
-
-
-def _check_result(program: Program, model: Model, rows: NDArray[np.int_], result: Corrected) -> None:
-    """Refuse corrections that did not converge or that leave the limits."""
-    if not result.converged.all():
-        worst = float(result.contraction.max())
-        fail(
-            program,
-            rows[~result.converged],
-            f"whose mirror iteration does not come to rest (steps shrink by {worst:.2g} only)",
-        )
-    outside = outside_limits(model.arm, result.q)
-    if outside:
-        fail(program, rows[sorted({row for row, _ in outside})], "outside the joint limits once corrected")
-
-
-def _write(
-    program: Program, process: Process, rows: NDArray[np.int_], result: Corrected, allow_insert: bool
-) -> Rewritten:
-    R_WB, p_WB = process.base
-    position, orientation = program.position_mm.copy(), program.orientation.copy()
-    position[rows] = (result.p.T - p_WB) @ R_WB * 1e3
-    R = as_programmed(program, process, np.einsum("ji,jkn->nik", R_WB, result.R))
-    near = program.orientation[rows]
-    known = np.isfinite(near).all(axis=1)
-    orientation[rows[known]] = program.convention.near(R[known], near[known])
-    change = np.zeros(len(program), dtype=bool)
-    change[rows] = True
-    return rewrite(program, position, orientation, change, allow_insert=allow_insert)
-
-
-def _read_back(
-    program: Program,
-    process: Process,
-    bench: Bench,
-    rows: NDArray[np.int_],
-    written: Rewritten,
-    result: Corrected,
-    wrench: Floats,
-    R0: Floats,
-    p0: Floats,
-    only: NDArray[np.bool_],
-    free: list[int],
-) -> tuple[Floats, Floats]:
-    """Predicted distance from the wanted place with the numbers as printed (N,), and how far they moved (N, 3) mm."""
-    printed = read_again(program, written.parts)
-    R, p = targets(printed, process, bench, result.q[:, 0])
-    R_goal = np.where(only, R0.transpose(1, 2, 0), R[rows].transpose(1, 2, 0))
-    q = reach(bench, result.q, R_goal, p[rows].T, free)
-    off, _ = deviation(bench, q, wrench, R0.transpose(1, 2, 0), p0.T, only)
-    return np.sqrt((off[:3] ** 2).sum(axis=0)), printed.position_mm[rows] - program.position_mm[rows]
-
-
-def _support(
-    program: Program, model: Model, rows: NDArray[np.int_], q: Floats, wrench: Floats
-) -> tuple[Floats, Floats]:
-    """Sigma (m) and unsupported share of every point; refuse what the campaign does not support.
-
-    Every point, because one motion that rests on nothing is one too many.
-    """
-    support = tool_support(model, Cases(q, wrench, model.tcp[1]))
-    share = support.unsupported
-    if (share > REFUSE_ABOVE).any():
-        fail(
-            program,
-            rows[share > REFUSE_ABOVE],
-            f"where the model's campaign does not support the prediction (up to {100 * share.max():.0f} % of it rests on "
-            "compliances that its loads and postures never showed)",
-        )
-    return np.sqrt((support.sigma**2).sum(axis=1)), share
-
-
-def _notes(
-    doubts: list[str],
-    program: Program,
-    process: Process,
-    rows: NDArray[np.int_],
-    only: NDArray[np.bool_],
-    sigma: Floats,
-    unsupported: Floats,
-    after: Floats,
-    correction: Floats,
-) -> list[str]:
-    notes = [f"said of the model when it was identified: {line}" for line in doubts]
-    notes += [f"line {n.line}: {n.reason}" for n in program.notes[:20]]
-    notes += list(program.warnings)
-    driven = [f"E{i + 1}" for i in range(6) if (np.nan_to_num(program.external[rows, i]) != 0).any()]
-    loose = sorted(set(driven) - {word.upper() for word in process.external_axes})
-    if loose:
-        notes.append(
-            f"{', '.join(loose)} is driven by the program but moves nothing here; a positioner would move the workpiece"
-        )
-    if only.any():
-        notes.append(
-            f"{int(only.sum())} of {rows.size} points write no orientation: only their positions were corrected"
-        )
-    share = float(unsupported.max(initial=0.0))
-    if share > WARN_ABOVE:
-        notes.append(f"up to {100 * share:.0f} % of the prediction is not supported by the model's campaign")
-    if np.isnan(sigma).all():
-        notes.append("the model carries no statistics: its own uncertainty is not known")
-    if process.force.table is not None and process.force.frame is None:
-        notes.append("the force table was read in tool axes unless its column 'frame' says otherwise")
-    if process.reference == "rigid":
-        notes.append(
-            "sag under weight is corrected too (reference: rigid): the robot must not have its own sag compensation on"
-        )
-    coarse = float(np.nanmax(quantum_mm(program)[rows]))
-    largest = float(np.linalg.norm(correction, axis=1).max())
-    if coarse > 0.2 * max(largest, 1e-9):
-        notes.append(
-            f"the program prints to {2 * coarse:g} mm, while the largest correction is {largest:.3f} mm; print more decimals"
-        )
-    return notes

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -15,11 +15,13 @@ from drake_stiffness.rotations import exponential
 from toolpaths.branches import flips_along
 from toolpaths.compensation import Bench, bench_of
 from toolpaths.conventions import rotation_onto
-from toolpaths.forces import wrenches
+from toolpaths.forces import Load, loads, wrenches
 from toolpaths.history import begins, path_order
+from toolpaths.linear import check_linear
+from toolpaths.milling.coupling import depth_gain
 from toolpaths.postures import Postures, along_path, outside_limits, singularity_margin
 from toolpaths.process import Process, external_positions, posture
-from toolpaths.program import Program
+from toolpaths.program import Program, line_before
 from toolpaths.spin import Ride, Spin, stiffest
 
 Floats = NDArray[np.float64]
@@ -47,6 +49,10 @@ class LoadedPath:
         Rows without an orientation of their own.
     spin : Spin, optional
         Turn of the tool about its axis, where it was chosen.
+    load : Load, optional
+        Where the wrench comes from, how sure it is, how it follows the depth of cut.
+    depth_gain : (N,), optional
+        Gain of the loop of depth and force, where there is one.
     """
 
     bench: Bench
@@ -57,10 +63,18 @@ class LoadedPath:
     wrench: Floats
     only: NDArray[np.bool_]
     spin: Spin | None = None
+    load: Load | None = None
+    depth_gain: Floats | None = None
 
 
 def loaded_path(
-    program: Program, model: Model, process: Process, progress: Progress, spin: SpinChoice = "keep"
+    program: Program,
+    model: Model,
+    process: Process,
+    progress: Progress,
+    spin: SpinChoice = "keep",
+    lead: Floats | None = None,
+    linear: bool = False,
 ) -> LoadedPath:
     """Poses, postures and wrenches of all motions that carry force.
 
@@ -68,6 +82,10 @@ def loaded_path(
     ----------
     spin : 'keep' or 'stiffest'
         Whether the tool stays turned about its axis as the program says, or is turned so that the arm bends least.
+    lead : (n,), optional
+        Posture that the branch goes on from, where this is a piece of a longer program; default that of process.yaml.
+    linear : bool
+        See `compensation.Bench`.
 
     Raises
     ------
@@ -83,6 +101,9 @@ def loaded_path(
         )
     start = posture(process, model)
     bench = bench_of(model, process.reference, process.geometry)
+    if linear:
+        check_linear(bench.loaded)
+        bench = replace(bench, linear=True)
     R_all, p_all = targets(program, process, bench, start)
     given = external_positions(process, program, model, rows)
     chosen = None
@@ -91,10 +112,34 @@ def loaded_path(
         chosen = _stiffest(program, process, bench, rows, R_all, p_all, start, given)
         R_all[rows] = R_all[rows] @ about(process.spindle_axis, chosen.angle_rad)
     progress("inverse kinematics", 0, rows.size)
-    postures = postures_on(program, model, bench, rows, R_all[rows], p_all[rows], start, given)
-    wrench = wrenches(process, program, rows, p_all, R_all[rows])
+    begin = start if lead is None else lead
+    postures = postures_on(program, model, bench, rows, R_all[rows], p_all[rows], begin, given)
+    load = loads(process, program, rows, p_all, R_all[rows])
+    gain = _depth_gain(program, bench, rows, postures.q, load)
     bench = bench.on_path(path_order(begins(program, rows)))
-    return LoadedPath(bench, rows, R_all[rows], p_all[rows], postures, wrench, _position_only(program)[rows], chosen)
+    only = _position_only(program)[rows]
+    return LoadedPath(bench, rows, R_all[rows], p_all[rows], postures, load.wrench, only, chosen, load, gain)
+
+
+def _depth_gain(program: Program, bench: Bench, rows: NDArray[np.int_], q: Floats, load: Load) -> Floats | None:
+    """Gain (N,) of the loop of depth and force; None where the force does not follow the depth.
+
+    Raises
+    ------
+    UntrustworthyError
+        If the loop does not come to rest.
+    """
+    if load.milling is None:
+        return None
+    gain = depth_gain(bench.loaded, q, bench.p_ET, load.milling)
+    if (gain >= 1.0).any():
+        fail(
+            program,
+            rows[gain >= 1.0],
+            f"where arm and cut drive each other: the force changes with the depth of cut by up to {gain.max():.2g} times what the arm "
+            "gives back (less than 1 is needed). Cut less deep or with less feed",
+        )
+    return gain
 
 
 def _stiffest(
@@ -205,7 +250,7 @@ def postures_on(
 
 def fail(program: Program, rows: NDArray[np.int_], what: str) -> None:
     """Refuse a program for what is wrong with some of its rows."""
-    lines = list(dict.fromkeys(program.line[rows].tolist()))
+    lines = list(dict.fromkeys(line_before(program.replaced, line) for line in program.line[rows].tolist()))
     shown = ", ".join(map(str, lines[:20])) + (f" and {len(lines) - 20} more" if len(lines) > 20 else "")
     raise UntrustworthyError(
         f"{program.path}: {len(lines)} line{'s' * (len(lines) > 1)} {what}: line {shown}. Check workpiece, posture_deg and tool.tcp, or "

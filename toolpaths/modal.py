@@ -151,7 +151,7 @@ class NewWord:
     value: float
 
 
-def missing_words(poses: Poses, pairs: Ints, source: Ints, arc_end: Bools) -> Iterator[NewWord]:
+def missing_words(poses: Poses, pairs: Ints, source: Ints, arc_end: Bools, finest: Floats) -> Iterator[NewWord]:
     """Words to insert so that every row has its wanted pose (if corrected) or its original one.
 
     Rows are taken in the order of the program: an inserted word is what the rows after it keep.
@@ -166,6 +166,9 @@ def missing_words(poses: Poses, pairs: Ints, source: Ints, arc_end: Bools) -> It
         (N, 3 + K) main source of each word.
     arc_end
         (N,) rows that end an arc; the row before each is its auxiliary point.
+    finest
+        (3 + K,) new words are printed to this, or finer where their neighbours are; infinity: as their neighbours. Programs that
+        leave out trailing zeros would swallow a correction.
     """
     kept: dict[tuple[int, int], float] = {}
     inserted: set[tuple[int, int]] = set()
@@ -175,14 +178,14 @@ def missing_words(poses: Poses, pairs: Ints, source: Ints, arc_end: Bools) -> It
             continue
         have = kept.get((giver, word), float(poses.printed[giver, word]))
         want = float(poses.wanted[row, word])
-        quantum = poses.quantum[giver, word]
+        quantum = min(poses.quantum[giver, word], finest[word])
         # Whether an arc's end keeps a word of the auxiliary point or of the start is not for us to guess.
         doubtful = bool(arc_end[row]) and (row - 1, word) in inserted
         if not doubtful and abs(have - want) <= half_digit(quantum, want):
             continue
         decimals = int(_decimals(quantum))
         if poses.active[row]:
-            decimals = _neighbour_decimals(row_decimals[row], word, decimals)
+            decimals = max(_neighbour_decimals(row_decimals[row], word, decimals), _least(finest[word]))
         value = round(want, decimals) + 0.0  # no minus zero
         inserted.add((row, word))
         kept[(giver, word)] = kept[(int(source[row, word]), word)] = value
@@ -192,6 +195,10 @@ def missing_words(poses: Poses, pairs: Ints, source: Ints, arc_end: Bools) -> It
 def _decimals(quantum: Floats) -> Floats:
     """Decimals that show a quantum; NaN stays NaN."""
     return np.maximum(0, np.rint(-np.log10(quantum)))
+
+
+def _least(finest: float) -> int:
+    return 0 if np.isinf(finest) else int(_decimals(np.array(finest)))
 
 
 def _neighbour_decimals(decimals: Floats, word: int, otherwise: int) -> int:

@@ -7,7 +7,8 @@ import re
 import numpy as np
 from numpy.typing import NDArray
 
-NUMBER = rb"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?"
+# No digit can be shared between two parts, so that a long run of digits that is no number fails at once.
+NUMBER = rb"[+-]?(?:\d+(?:\.\d*)?|\.\d+)(?:[eE][+-]?\d+)?"
 
 # A REAL of a robot controller is a single-precision number. A larger exponent is a damaged program, and would overflow.
 LARGEST_EXPONENT = 38

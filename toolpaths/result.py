@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import hashlib
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -9,9 +11,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from toolpaths.account import Account
+from toolpaths.closed_loop import Learnt
+from toolpaths.formats import files_of
+from toolpaths.loaded_path import LoadedPath
 from toolpaths.process import Process
 from toolpaths.program import Program, Refusal
+from toolpaths.residual import LEVEL
 from toolpaths.rewriting import Insertion
+from toolpaths.spin import Spin
+from toolpaths.tally import summary_of
 
 Floats = NDArray[np.float64]
 
@@ -35,6 +44,8 @@ class Compensation:
         What the numbers of the program move by, in that frame.
     force_N : (N, 3)
         Force on the tool, world axes.
+    deflection_mm : (N, 3)
+        Where the uncorrected tool is predicted to be less where it is wanted, world axes.
     before_mm, one_shot_mm, after_mm : (N,)
         Predicted distance of the tool from where it is wanted: uncorrected, one step of the iteration, and as printed.
     process : Process
@@ -55,6 +66,14 @@ class Compensation:
     insertions : tuple of Insertion
     notes : list of str
         What the user should know.
+    account : Account
+        Intervals, causes, evenness, reserves, turning points.
+    path : LoadedPath
+        Postures and wrenches of the program as it was.
+    learnt : Learnt, optional
+        What a probe added.
+    spin : Spin, optional
+        Turn of the tool about its axis, where it was chosen.
     """
 
     program: Program
@@ -64,6 +83,7 @@ class Compensation:
     target_mm: Floats
     correction_mm: Floats
     force_N: Floats
+    deflection_mm: Floats
     before_mm: Floats
     one_shot_mm: Floats
     after_mm: Floats
@@ -77,6 +97,10 @@ class Compensation:
     refusals: tuple[Refusal, ...]
     insertions: tuple[Insertion, ...]
     notes: list[str]
+    account: Account
+    path: LoadedPath
+    learnt: Learnt | None = None
+    spin: Spin | None = None
 
     @property
     def raw(self) -> bytes:
@@ -84,22 +108,63 @@ class Compensation:
         return self.parts[0]
 
     def files(self, output: Path) -> list[tuple[Path, bytes]]:
-        """What to write where: companions go beside the output under its name and their own suffix."""
-        paths = [output, *(output.with_suffix(Path(part.path).suffix) for part in self.program.parts[1:])]
-        return list(zip(paths, self.parts, strict=True))
+        """What to write where: companions go beside the output under its name and their own suffix (and name, if that is shared)."""
+        others = [Path(part.path) for part in self.program.parts[1:]]
+        shared = {
+            other.suffix for place, other in enumerate(others) if other.suffix in [o.suffix for o in others[:place]]
+        }
+        paths = [output]
+        for other in others:
+            own = output.with_name(f"{output.stem}_{other.name}")
+            paths.append(own if other.suffix in shared else output.with_suffix(other.suffix))
+        return list(zip(paths, files_of(self.program, self.parts), strict=True))
 
-    def to_dict(self) -> dict[str, Any]:
-        """For `--json`."""
+    @property
+    def lines(self) -> int:
+        """Lines of all files of the program."""
+        return self.program.raw.count(b"\n") + (not self.program.raw.endswith(b"\n"))
+
+    @property
+    def digests(self) -> tuple[str, str]:
+        """SHA-256 of the program as it was and of the corrected file with the motions."""
+        return hashlib.sha256(self.program.raw).hexdigest(), hashlib.sha256(self.raw).hexdigest()
+
+    def to_dict(self, summary: Callable[[Floats], dict[str, Any]] = summary_of) -> dict[str, Any]:
+        """For `--json`; `summary` says what is told of values that every point has."""
         size = np.linalg.norm(self.correction_mm, axis=1)
+        account, interval = self.account, self.account.interval
         return {
             "corrected_points": int(self.rows.size),
-            "lines": self.program.raw.count(b"\n") + (not self.program.raw.endswith(b"\n")),
-            "correction_mm": _summary(size),
-            "uncompensated_mm": _summary(self.before_mm),
-            "one_shot_residual_mm": _summary(self.one_shot_mm),
-            "residual_mm": _summary(self.after_mm),
+            "lines": self.lines,
+            "correction_mm": summary(size),
+            "uncompensated_mm": summary(self.before_mm),
+            "one_shot_residual_mm": summary(self.one_shot_mm),
+            "residual_mm": summary(self.after_mm),
             "percent_compensated": percent(self.before_mm, self.after_mm, self.quantum_mm),
-            "model_sigma_mm": _summary(self.sigma_mm),
+            "model_sigma_mm": summary(self.sigma_mm),
+            "residual_interval_mm": {
+                "level": LEVEL,
+                "low": summary(interval.low_mm),
+                "high": summary(interval.high_mm),
+                "sigma_parts_mm": {
+                    "parameters": summary(interval.parameters_mm),
+                    "force": summary(interval.force_mm),
+                    "model_form": summary(interval.form_mm),
+                    "backlash_jumps": summary(interval.jump_mm),
+                },
+                "carries": list(interval.carries),
+                "lacks": list(interval.lacks),
+            },
+            "joints_only_mm": {
+                **summary(account.causes.joints_only_mm),
+                "best_possible_rms": account.causes.best_joints_only_mm,
+            },
+            "causes": account.causes_list(),
+            "turning_points": account.turning.to_list(self.line),
+            "evenness": account.evenness.to_dict(self.line),
+            "reserve": account.reserve.to_dict(),
+            "controller": self.process.controller.model_dump(),
+            "probe": None if self.learnt is None else self.learnt.to_dict(),
             "unsupported_share": float(self.unsupported.max(initial=0.0)),
             "iterations": self.steps,
             "largest_contraction": self.contraction,
@@ -107,20 +172,13 @@ class Compensation:
             "inverse_kinematics": self.method,
             "refused": [{"line": r.line, "reason": r.reason, "words": list(r.words)} for r in self.refusals],
             "inserted": [{"line": i.line, "words": list(i.words), "text": i.text} for i in self.insertions],
+            "linearised": [
+                {"line": r.line, "before": r.before, "new_line": r.new_line, "after": r.after.split("\n")}
+                for r in self.program.replaced
+            ],
+            "spin": None if self.spin is None else self.spin.to_dict(),
             "notes": self.notes,
         }
-
-
-def _summary(values: Floats) -> dict[str, float]:
-    known = values[np.isfinite(values)]
-    if not known.size:
-        return {"mean": float("nan"), "rms": float("nan"), "p95": float("nan"), "max": float("nan")}
-    return {
-        "mean": float(known.mean()),
-        "rms": float(np.sqrt((known**2).mean())),
-        "p95": float(np.percentile(known, 95)),
-        "max": float(known.max()),
-    }
 
 
 def percent(before: Floats, after: Floats, quantum: float) -> float:

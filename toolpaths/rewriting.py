@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import heapq
 import re
+from bisect import bisect_right
 from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import groupby, pairwise
@@ -16,11 +17,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from toolpaths.modal import NewWord, Poses, Withdrawal, carried_pairs, missing_words, settle
-from toolpaths.printed import print_like
+from toolpaths.printed import print_all
 from toolpaths.program import Program, Refusal
 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
+
+# Starts, ends and new texts, in the order of the file.
+Edits = tuple[list[int], list[int], list[bytes]]
+
+# New words are printed to this many mm or units of the convention, or finer.
+NEW_WORD_RESOLUTION = 1e-3
 
 _SEPARATOR = re.compile(rb"([ \t]*,[ \t]*)[A-Za-z]([ \t]*)")
 
@@ -107,9 +114,19 @@ def rewrite(
     # A dialect that cannot insert words settles its pairs the strict way even when insertion is allowed.
     insertable = program.body[pairs[:, 0]] >= 0 if allow_insert else np.zeros(len(pairs), dtype=bool)
     withdrawn = settle(poses, pairs[~insertable], program.role)
-    new_words = list(missing_words(poses, pairs[insertable], program.source, program.role == "end"))
+    # KRL prints all numbers of a program alike; G-code leaves out zeros, and with them the digits a correction needs.
+    finest = (
+        10.0 ** np.floor(np.log10(NEW_WORD_RESOLUTION / program.unit))
+        if program.spaced_words
+        else np.full(wanted.shape[1], np.inf)
+    )
+    new_words = list(missing_words(poses, pairs[insertable], program.source, program.role == "end", finest))
     inserted = [(at, text) for at, text, _ in _insertions(program, new_words)]
-    edits = heapq.merge(_replacements(program, poses), ((at, at, text) for at, text in inserted))
+    edits = _replacements(program, poses)
+    if inserted:
+        both = heapq.merge(zip(*edits, strict=True), ((at, at, text) for at, text in inserted))
+        starts, stops, texts = zip(*both, strict=True)
+        edits = list(starts), list(stops), list(texts)
     return Rewritten(
         parts=_spliced(program.raw, edits, [part.end for part in program.parts]),
         changed=poses.active,
@@ -140,7 +157,8 @@ def _refusals(program: Program, withdrawn: list[Withdrawal]) -> Iterator[Refusal
             )
         else:
             other = int(program.line[reasons[0].would_move])
-            shared = program.written[reasons[0].would_move].any() and program.source[reasons[0].would_move, 0] == row
+            moved = reasons[0].would_move
+            shared = (program.written[moved] & (program.source[moved] == row)).any()
             text = (
                 f"line {other} goes to the same stored point, which must stay for it: give each motion a point of its own"
                 if shared
@@ -149,20 +167,16 @@ def _refusals(program: Program, withdrawn: list[Withdrawal]) -> Iterator[Refusal
         yield Refusal(line, text, words)
 
 
-def _replacements(program: Program, poses: Poses) -> Iterator[tuple[int, int, bytes]]:
-    """Start, end and new text of every token that reads differently now, in the order of the file."""
+def _replacements(program: Program, poses: Poses) -> Edits:
+    """Every token that reads differently now."""
     # What was settled on is what is printed: a value in doubt between two digits must not be rounded a second time.
     own = program.source == np.arange(len(program), dtype=np.int32)[:, None]  # a stored point is printed once
     rows, words = np.nonzero(poses.active[:, None] & own & (poses.printed != poses.original))
     spans = program.span[rows, words]
     order = np.argsort(spans[:, 0], kind="stable")
-    values = poses.printed[rows, words][order]
-    raw = program.raw
-    for (start, end), value in zip(spans[order].tolist(), values.tolist(), strict=True):
-        token = raw[start:end]
-        text = print_like(token, value)
-        if float(text) != float(token):
-            yield start, end, text
+    rows, words, spans = rows[order], words[order], spans[order]
+    texts = print_all(program.raw, spans, poses.printed[rows, words], poses.quantum[rows, words])
+    return spans[:, 0].tolist(), spans[:, 1].tolist(), texts
 
 
 def _insertions(program: Program, new_words: list[NewWord]) -> Iterator[tuple[int, bytes, Insertion]]:
@@ -185,7 +199,12 @@ def _neighbour_style(program: Program, row: int) -> tuple[int, bytes, bytes, boo
     spans = sorted((start, end) for start, end in program.span[row].tolist() if start >= 0)
     if not spans:
         return int(program.body[row]), b", ", b" ", False, True
-    lower = raw[int(program.body[row]) : spans[-1][0]].rstrip()[-1:].islower()
+    named = raw[int(program.body[row]) : spans[-1][0]].rstrip()
+    lower = named[-1:].islower()
+    if program.spaced_words:
+        letter = int(program.body[row]) + len(named) - 1
+        tight = re.fullmatch(rb"[A-Za-z0-9.]", raw[max(letter - 1, 0) : letter]) is not None
+        return spans[-1][1], b"" if tight else b" ", raw[letter + 1 : spans[-1][0]], lower, False
     for (_, end), (start, _) in pairwise(spans):
         between = _SEPARATOR.fullmatch(raw, end, start)
         if between is not None:
@@ -193,25 +212,20 @@ def _neighbour_style(program: Program, row: int) -> tuple[int, bytes, bytes, boo
     return spans[-1][1], b",", b" ", lower, False
 
 
-def _spliced(raw: bytes, edits: Iterator[tuple[int, int, bytes]], ends: list[int]) -> tuple[bytes, ...]:
+def _spliced(raw: bytes, edits: Edits, ends: list[int]) -> tuple[bytes, ...]:
     """The bytes with the spans of ordered, disjoint edits replaced, cut where the files end; untouched files are the same bytes."""
+    starts, stops, texts = edits
+    if not starts and len(ends) == 1:
+        return (raw,)
+    if (np.array(starts[1:]) < np.array(stops[:-1])).any():
+        raise ValueError("edits overlap")
     parts = []
-    out = bytearray()
-    done = begin = 0
-    edit = next(edits, None)
+    begin = first = 0
     for end in ends:
-        touched = False
-        while edit is not None and edit[1] <= end:
-            start, stop, text = edit
-            if start < done:
-                raise ValueError(f"edits overlap at byte {start}")
-            out += raw[done:start]
-            out += text
-            done, touched = stop, True
-            edit = next(edits, None)
-        out += raw[done:end]
-        whole = len(ends) == 1
-        parts.append(bytes(out) if touched else raw if whole else raw[begin:end])
-        out.clear()
-        done = begin = end
+        last = bisect_right(stops, end)
+        kept = [raw[a:b] for a, b in zip([begin, *stops[first:last]], [*starts[first:last], end], strict=True)]
+        pieces: list[bytes] = [b""] * (2 * len(kept) - 1)
+        pieces[::2], pieces[1::2] = kept, texts[first:last]
+        parts.append(b"".join(pieces))
+        begin, first = end, last
     return tuple(parts)

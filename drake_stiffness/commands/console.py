@@ -55,7 +55,7 @@ def say(message: str) -> None:
     typer.echo(message, err=True)
 
 
-def write(*outputs: tuple[Path | None, bytes | str | None]) -> None:
+def write(*outputs: tuple[Path | None, bytes | str | Path | None]) -> None:
     """Write all outputs that were asked for, or none."""
     from drake_stiffness.files import write_together
 

@@ -38,7 +38,7 @@ def design(
     criterion: Annotated[str, typer.Option(help="a, d, e, toolpath, ratio or ds")] = "d",
     program: Annotated[Path | None, typer.Option(help="of criterion toolpath: KRL .src or CSV waypoints")] = None,
     process: Annotated[Path | None, typer.Option(help="of criterion toolpath: process.yaml")] = None,
-    suspect: Annotated[str | None, typer.Option(help="of criterion ds: KIND:WHERE of an effect")] = None,
+    suspect: Annotated[str | None, typer.Option(help="of criterion ds: KIND:WHERE[:key=value,..] of an effect")] = None,
     settings: Annotated[Path | None, typer.Option(help="DESIGN.yaml")] = None,
     augment: Annotated[Path | None, typer.Option(help="campaign.yaml whose readings the plan adds to")] = None,
     krl: Annotated[Path | None, typer.Option(help="KRL program of the plan to write")] = None,
@@ -121,8 +121,10 @@ def loaded_path(program: Path, process: Path, model: Model) -> tuple[Array, Arra
     from toolpaths import loaded_path as along
     from toolpaths.formats import read_program
     from toolpaths.process import check_frames, check_model, read_process
+    from toolpaths.rotary import declare
 
-    job, source = read_process(process), read_program(program, None)
+    job = read_process(process)
+    source = declare(read_program(program, None), job.gcode, process)
     check_model(job, model)
     check_frames(job, source, model)
     path = along.loaded_path(source, model, job, lambda what, done, total: None)

@@ -45,6 +45,7 @@ def stiffness_map(
     from drake_stiffness.model import load_model
     from toolpaths.formats import read_program
     from toolpaths.process import check_model, read_process
+    from toolpaths.rotary import declare
     from toolpaths.stiffness_map import grid
     from toolpaths.stiffness_map import stiffness_map as run
 
@@ -60,7 +61,8 @@ def stiffness_map(
         )
     with working() as progress:
         progress(f"{len(places)} places")
-        found = run(loaded, job, places, None if program is None else read_program(program, dialect))
+        source = None if program is None else declare(read_program(program, dialect), job.gcode, process)
+        found = run(loaded, job, places, source)
     best = found.best  # refuses an area that cannot be machined before anything is written
     page = None
     if report is not None:

@@ -9,6 +9,7 @@ import numpy as np
 from drake_stiffness.diagnosis.detection import Limit, detection_limits
 from drake_stiffness.diagnosis.diagnosis import Diagnosis, gap_mm
 from drake_stiffness.diagnosis.evidence import Tested
+from drake_stiffness.diagnosis.growth import Further
 from drake_stiffness.diagnosis.search import Named
 from drake_stiffness.diagnosis.suspects import suspects
 
@@ -33,6 +34,7 @@ def diagnosis_document(d: Diagnosis, sigma: dict[str, float], plan: dict[str, An
         "gap": {
             "noise_rms_mm": float(np.sqrt(3)) * o.sigma_p * 1e3,
             "noise_shown_rms_mm": float(np.sqrt(3)) * d.noise.sigma_m * 1e3,
+            "noise_shown_by": d.noise.how,
             "noise_implausible": d.noise.implausible,
             "before_rms_mm": gap_mm(d.search.base.residual, o),
             "after_rms_mm": gap_mm(d.search.solution.residual, o),
@@ -78,6 +80,7 @@ def _entry(d: Diagnosis, n: Named, sigma: dict[str, float]) -> dict[str, Any]:
             "placebos": placebos,
         },
         "confounded_with": [{"kind": t.suspect.kind, "where": t.suspect.where} for t in n.confounded],
+        "outside_the_catalogue_as_good": d.as_good.get(name),
     }
 
 
@@ -114,7 +117,7 @@ def _rejected(d: Diagnosis) -> list[dict[str, Any]]:
     out += [
         {"kind": t.suspect.kind, "where": t.suspect.where, "why": _why(t, d)}
         for t in [*d.search.last.passed, *d.search.last.failed]
-        if t.suspect.name not in named and t.suspect.name not in d.withdrawn
+        if t.suspect.name not in named and t.suspect.name not in d.withdrawn and not isinstance(t.suspect, Further)
     ]
     said = named | set(d.withdrawn) | set(d.search.faults)
     said |= {t.suspect.name for t in (*d.search.last.passed, *d.search.last.failed)}

@@ -16,6 +16,7 @@ from drake_stiffness.diagnosis.next_experiment import next_experiment
 from drake_stiffness.errors import InputError
 from drake_stiffness.jobs import provenance
 from drake_stiffness.model import Model, load_model
+from drake_stiffness.model_form import model_form
 from drake_stiffness.semidefinite import smallest_eigenvalue
 from drake_stiffness.task import Task, quiet, read_task
 
@@ -75,6 +76,7 @@ def _model(task: Task, d: Diagnosis) -> Model:
     numbers, how = st.statistics(solution, o, fit)
     entry = st.fit_entry(solution, fit, d.after.rms_mm, "sdp", smallest_eigenvalue(solution.model), how)
     entry["quantity"] = task.campaign.quantity
+    entry["model_form"] = model_form(solution, numbers, o)
     entry["warnings"] = st.warnings_of(solution, numbers, fit, o, how)
     entry["diagnosis"] = {"verdict": d.verdict, "named": [n.tested.suspect.name for n in d.search.named]}
     return st.attach(solution, numbers, entry, provenance(task.files, task_seed(task)))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,6 +14,8 @@ from drake_stiffness.diagnosis.evidence import (
     basis_of,
     cross_validated,
     folds_of,
+    inside_cones,
+    least_squares,
     left_over,
     level_of_smallest,
 )
@@ -93,6 +96,12 @@ class Remaining:
         """(rows, p) whitened, per unit of the effect's scales."""
         return signature(self.scene, effect)
 
+    def with_columns(self, rest: Array) -> Self:
+        """The same with further columns, of which this is what is left, projected out too."""
+        Q = basis_of(rest)
+        r = self.r - Q @ (Q.T @ self.r)
+        return replace(self, Q=np.hstack([self.Q, Q]), r=r, dof=self.dof - Q.shape[1])
+
     def folds(self, seed: int) -> NDArray[np.int_]:
         """(rows,) which fold of whole experiments every row is in."""
         o = self.scene.o
@@ -128,7 +137,7 @@ def try_all(left: Remaining, found: list[Suspect], seed: int) -> Round:
     tested = [best_variant(left, suspect, rests[suspect.name], bases[suspect.name]) for suspect in found]
     able = [t for t in tested if t is not None]
     gain = Gain(left, seed)
-    passed = [replace(t, gain=gain.of(rests[t.suspect.name])) for t in able if t.p_value < level]
+    passed = [_with_gain(t, gain, rests[t.suspect.name]) for t in able if t.p_value < level]
     passed.sort(key=lambda t: -t.gain)
     failed = sorted((t for t in able if t.p_value >= level), key=lambda t: t.p_value)
     return Round(passed, failed, faults, level, left.per_dof)
@@ -142,10 +151,17 @@ class Gain:
         self.fold = left.folds(seed)
         self.before = cross_validated(left.Q, [np.zeros((left.r.size, 0))], left.r, self.fold)
 
-    def of(self, rests: Sequence[Array]) -> float:
-        """Of the best of several variants, in units of the noise the data show."""
-        after = cross_validated(self.left.Q, rests, self.left.r, self.fold)
+    def of(self, rests: Sequence[Array], effect: Effect | None = None) -> float:
+        """Of the best of several variants, in units of the noise the data show; inside the cones of `effect`, if it has any."""
+        fit = (inside_cones(effect) if effect and len(rests) == 1 else None) or least_squares
+        after = cross_validated(self.left.Q, rests, self.left.r, self.fold, fit)
         return (self.before - after) / max(self.left.per_dof, 1e-300)
+
+
+def _with_gain(t: Tested, gain: Gain, rests: Sequence[Array]) -> Tested:
+    # A matrix that is not positive semidefinite is no spring, however well it fits: it soaks up what else is missing.
+    searched = gain.of(rests, t.effect)
+    return replace(t, gain=searched, own_gain=searched if len(rests) == 1 else gain.of([rests[t.variant]]))
 
 
 def _rests(left: Remaining, suspect: Suspect, faults: dict[str, str]) -> tuple[Array, ...]:
@@ -179,7 +195,7 @@ def best_variant(left: Remaining, suspect: Suspect, rests: Sequence[Array], base
         rest_dof = max(left.dof - p, 1)
         p_value = float(fdtrc(p, rest_dof, explained / p / (max(total - explained, 1e-300) / rest_dof)))
         if best is None or (p_value, -explained) < (best.p_value, -best.explained):
-            best = Tested(suspect, number, explained, p_value, 0.0, coefficient, fit, tuple(bases))
+            best = Tested(suspect, number, explained, p_value, 0.0, 0.0, coefficient, fit, tuple(bases))
     return best
 
 
@@ -209,11 +225,18 @@ def refine(left: Remaining, t: Tested) -> Effect:
     return effect
 
 
-def is_sponge(left: Remaining, t: Tested) -> bool:
-    """Whether variants of quite another shape do nearly as well: then none of them is the physics, and all soak up something else."""
+def is_sponge(r: Array, t: Tested) -> bool:
+    """Whether variants of quite another shape do nearly as well: then none of them is the physics, and all soak up something else.
+
+    Parameters
+    ----------
+    r : (rows,)
+        What the model leaves.
+    """
     size = max(float(np.linalg.norm(t.fit)), 1e-300)
     others = [Q for Q in t.bases if Q.shape[1] and float(np.linalg.norm(Q.T @ t.fit)) < _ANOTHER_SHAPE * size]
-    return any(float(((Q.T @ left.r) ** 2).sum()) > _NEARLY * t.explained for Q in others)
+    by_chance = 3 * np.log(len(t.bases))  # what noise may add to the best of so many
+    return any(float(((Q.T @ r) ** 2).sum()) > _NEARLY * t.explained + by_chance for Q in others)
 
 
 def confounded_with(chosen: Tested, others: list[Tested], per_dof: float) -> list[Tested]:

@@ -1,7 +1,8 @@
 """Whole experiments, or single steps, that fit nothing: named and left out, never silently down-weighted.
 
-An experiment that is left out gives up its residual and as many degrees of freedom as it has rows. It is an outlier when that is
-far beyond what the noise of the others explains, carries a good part of the whole gap, and does more than the best effect
+An experiment that is left out gives up its residual and as many degrees of freedom as it has rows. Beside that, mistakes of few
+unknowns are tried: a step in which all points moved alike, an experiment whose load has another size or that stood at other angles.
+It is an outlier when that is far beyond what the noise of the others explains, carries a good part of the whole gap, and does more than the best effect
 does: an effect that is missing shows in many experiments, an outlier in its own.
 """
 
@@ -14,12 +15,15 @@ from numpy.typing import NDArray
 
 from drake_stiffness.campaign import Measurements
 from drake_stiffness.diagnosis.naming import Remaining
+from drake_stiffness.observation import predicted, whitened
+from drake_stiffness.rotations import Array
 
 # More than this share of the experiments cannot all be outliers: then the model is wrong, or the data are.
 MOST = 0.2
-_LEVEL = 0.001  # over all experiments and steps: a tenth of what all of diagnosis may err by
+_LEVEL = 0.0008  # over all experiments and steps: of the 1 % that all of diagnosis may err by
 # An outlier carries at least this share of all that is beyond noise.
 _SHARE = 0.25
+_WRONG_ANGLE = 1e-4  # rad or m: linear
 
 
 @dataclass(frozen=True)
@@ -38,6 +42,8 @@ class Outlier:
         Its residual by coordinate, in sigma of the stated noise.
     noise : float
         Squared noise of the others, in units of the stated one.
+    unknowns : int
+        What it gives up: rows, or the unknowns of a mistake.
     """
 
     name: str
@@ -45,6 +51,7 @@ class Outlier:
     excess: float
     rms_sigma: float
     noise: float
+    unknowns: int
 
 
 def find_outlier(left: Remaining, best_gain: float, noise_ratio: float) -> Outlier | None:
@@ -59,23 +66,28 @@ def find_outlier(left: Remaining, best_gain: float, noise_ratio: float) -> Outli
     """
     m = left.scene.o.measurements
     rows = np.arange(3 * m.case.size).reshape(-1, 3)
-    found: list[Outlier] = []
-    tests = len(m.experiments) + m.cases.number
+    tests = 2 * (len(m.experiments) + m.cases.number)
     total = float(left.r @ left.r)
     beyond = total - left.dof * noise_ratio**2
-    experiment = m.cases.experiment[m.case]
+    experiment, mistakes = m.cases.experiment[m.case], _mistakes(left)
+    found: list[Outlier] = []
     for e, name in enumerate(m.experiments):
         own = np.flatnonzero(experiment == e)
-        whole = _test(left, rows[own].ravel(), name, total)
-        if whole is None or whole.p_value * tests > _LEVEL:
+        if not own.size:
             continue
-        steps = [
-            _test(left, rows[own[m.case[own] == c]].ravel(), f"{name}:{m.cases.step[c]}", total)
-            for c in np.unique(m.case[own])
-        ]
-        worst = max((s for s in steps if s is not None), key=lambda s: s.excess, default=None)
+        whole = _tests(left, rows[own].ravel(), name, total, mistakes[rows[own].ravel()])
+        steps = []
+        for c in np.unique(m.case[own]):
+            here = rows[own[m.case[own] == c]].ravel()
+            shift = np.tile(np.eye(3), (here.size // 3, 1))
+            steps += _tests(left, here, f"{name}:{m.cases.step[c]}", total, shift)
+        sure = [s for s in steps if s.p_value * tests < _LEVEL]
+        most = max((w.excess for w in whole), default=0.0)
         # One bad step is named as such when it alone makes most of what its experiment has too much.
-        found.append(worst if worst is not None and worst.excess > 0.7 * whole.excess else whole)
+        if sure and (best := max(sure, key=lambda s: s.excess)).excess > 0.7 * most:
+            found.append(best)
+        else:
+            found += [w for w in whole if w.p_value * tests < _LEVEL]
     if not found:
         return None
     best = max(found, key=lambda f: f.excess)
@@ -84,8 +96,22 @@ def find_outlier(left: Remaining, best_gain: float, noise_ratio: float) -> Outli
     return best if best.excess * best.noise >= enough else None
 
 
-def _test(left: Remaining, own: NDArray[np.int_], name: str, total: float) -> Outlier | None:
-    """What leaving rows out would take off the squared residual, F-tested against the others."""
+def _mistakes(left: Remaining) -> Array:
+    """What one number that was written down wrongly does to a whole experiment, (rows, p): a load's size, or a joint's angle."""
+    o = left.scene.o
+    if o.displacement:
+        return predicted(o, left.scene.model)[:, None]
+    return whitened(o, left.scene.joint_columns.transpose(2, 1, 0) * _WRONG_ANGLE)
+
+
+def _tests(left: Remaining, own: NDArray[np.int_], name: str, total: float, special: Array) -> list[Outlier]:
+    """Rows that are left out, and what a special mistake (rows, p) makes of them."""
+    found = (_test(left, own, name, total, np.eye(own.size)), _test(left, own, name, total, special))
+    return [f for f in found if f is not None]
+
+
+def _test(left: Remaining, own: NDArray[np.int_], name: str, total: float, C: Array) -> Outlier | None:
+    """What unknowns of its own, C (rows, p), for some rows would take off the squared residual, F-tested against the rest."""
     from scipy.special import fdtrc
 
     o = left.scene.o
@@ -97,16 +123,18 @@ def _test(left: Remaining, own: NDArray[np.int_], name: str, total: float) -> Ou
         group, count = o.group[reading], np.bincount(o.group)
         same = (group[:, None] == group) & ((own % 3)[:, None] == own % 3)
         M -= same / count[group][:, None]
-    values, vectors = np.linalg.eigh(M)
+    scale = np.linalg.norm(C, axis=0)
+    C = C[:, scale > 0] / scale[scale > 0]
+    values, vectors = np.linalg.eigh(C.T @ M @ C)
     keep = values > 1e-9
-    part = (vectors[:, keep].T @ left.r[own]) ** 2 / values[keep]
+    part = (vectors[:, keep].T @ (C.T @ left.r[own])) ** 2 / values[keep]
     f, p = float(part.sum()), int(keep.sum())
     rest_dof = left.dof - p
     if not p or rest_dof <= 0:
         return None
     noise = max(total - f, 1e-300) / rest_dof
     p_value = float(fdtrc(p, rest_dof, f / p / noise))
-    return Outlier(name, p_value, f / noise - p, float(np.sqrt(f / p)), noise)
+    return Outlier(name, p_value, f / noise - p, float(np.sqrt(f / p)), noise, p)
 
 
 def without(m: Measurements, name: str) -> Measurements:

@@ -8,7 +8,7 @@ squares after the fit is r^T (I + A C A^T)^-1 r, and projections, F-tests and ev
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -79,12 +79,6 @@ class WithPrior(Remaining):
 
     def folds(self, seed: int) -> NDArray[np.int_]:
         return np.concatenate([super().folds(seed), np.full(self.prior, -1)])
-
-    def joined(self, rest: Array) -> WithPrior:
-        """The same with further columns fitted."""
-        Q = basis_of(rest)
-        r = self.r - Q @ (Q.T @ self.r)
-        return replace(self, Q=np.hstack([self.Q, Q]), r=r, dof=self.dof - Q.shape[1])
 
 
 def prior_root(model: Model, fresh: Sequence[int]) -> Array:

@@ -203,7 +203,7 @@ def _search(
         places += change.appeared
         effect = change.named.effect
         rests.append(left.rest(effect if change.appeared else chosen.effect))
-        left = left.joined(rests[-1])
+        left = left.with_columns(rests[-1])
         present.add((effect.kind, effect.where))
         changes.append(change)
 

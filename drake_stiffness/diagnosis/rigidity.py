@@ -7,9 +7,11 @@ free of every model of the arm: no missing effect can be mistaken for it, and it
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 
+from drake_stiffness.diagnosis.generic import Process
 from drake_stiffness.diagnosis.signatures import Scene
 from drake_stiffness.rotations import Array, rotate
 
@@ -28,13 +30,23 @@ class NoiseShown:
     ratio : float
         Over the stated one.
     p_value : float
-        Two-sided, of the stated noise.
+        Two-sided, of the stated noise; one-sided where the remainder shows it, because that is noise at most.
+    how : str
+        What shows it: "rigidity", or "remainder" where nothing but the fit itself does.
     """
 
     sigma_m: float
     dof: int
     ratio: float
     p_value: float
+    how: Literal["rigidity", "remainder"] = "rigidity"
+
+    @property
+    def in_words(self) -> str:
+        """What shows how much, for a sentence about a stated noise that cannot be."""
+        if self.how == "remainder":
+            return f"no smooth function of angles, torques and time gets below {self.ratio:.2g} times the stated one"
+        return f"points of one flange, which move as a rigid body, show {self.ratio:.2g} times as much"
 
     @property
     def implausible(self) -> bool:
@@ -59,6 +71,20 @@ def noise_shown(scene: Scene, residual: Array) -> NoiseShown:
     ratio = float(np.sqrt(total / dof))
     p_value = 2 * min(float(chdtr(dof, total)), float(chdtrc(dof, total)))
     return NoiseShown(ratio * o.sigma_p, dof, ratio, min(p_value, 1.0))
+
+
+def noise_of_remainder(process: Process, sigma_m: float) -> NoiseShown:
+    """Where one point a step and no repeats show nothing of the noise: what no smooth function of the remainder takes away.
+
+    That is the most the noise can be: an arm that does not come back to a posture exactly, or an effect of fine structure, is in it.
+    """
+    from scipy.special import chdtrc
+
+    dof = round(process.dof)
+    if dof <= 1:
+        return NoiseShown(float("nan"), 0, float("nan"), 1.0)
+    ratio = float(np.sqrt(process.floor))
+    return NoiseShown(ratio * sigma_m, dof, ratio, float(chdtrc(dof, process.floor * dof)), "remainder")
 
 
 def _not_rigid(scene: Scene, r: Array) -> tuple[float, int]:

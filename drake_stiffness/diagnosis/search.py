@@ -12,11 +12,13 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from drake_stiffness.diagnosis.evidence import Tested, basis_of, left_over
+from drake_stiffness.diagnosis.growth import Further, further_suspects, grown, is_more_of, may_grow, together
 from drake_stiffness.diagnosis.naming import (
     Remaining,
     Round,
     best_variant,
     confounded_with,
+    is_sponge,
     refine,
     remaining,
     try_all,
@@ -28,6 +30,7 @@ from drake_stiffness.errors import InputError, UntrustworthyError
 from drake_stiffness.identification import Solution, identify
 from drake_stiffness.model import Model
 from drake_stiffness.observation import Observations
+from drake_stiffness.rotations import Array
 
 # More effects than this at once were never told apart; what is left then is said to be unexplained.
 MOST_EFFECTS = 5
@@ -39,6 +42,8 @@ _LATER = 0.2
 _SAME_PHYSICS, _WEAKER = 0.4, 0.3
 # A suspect of the named kind elsewhere that explains this share of it is a rival.
 _RIVAL = 0.5
+# Fits that come to rest at all do so in three to eight iterations; after so many the suspect fails, says so, and the run goes on.
+_MOST_ITERATIONS = 15
 # Effects whose signatures have a correlation above this are held up again once both are there.
 _ALIKE_ABOVE = 0.2
 
@@ -70,8 +75,10 @@ class Search:
 
     Attributes
     ----------
-    base, solution : Solution
-        The model before and after the named effects.
+    bench : Bench
+        Fits of the model before and with named effects.
+    solution : Solution
+        The model with the named effects.
     named : tuple of Named
     last : Round
         All suspects against the final model.
@@ -80,23 +87,30 @@ class Search:
     left : Remaining
         What the final model leaves.
     faults : dict of name to reason
-    tried : list of Suspect
-        All that were held against the base model or a later one.
     """
 
-    base: Solution
+    bench: Bench
     solution: Solution
     named: tuple[Named, ...]
     first: Round
     last: Round
     left: Remaining
     faults: dict[str, str]
-    tried: list[Suspect]
+
+    @property
+    def base(self) -> Solution:
+        """The model before."""
+        return self.bench.base
+
+    @property
+    def tried(self) -> list[Suspect]:
+        """All that were held against the base model or a later one."""
+        return self.bench.found
 
 
 @dataclass(frozen=True, eq=False)
 class Bench:
-    """Fits of a base model with further effects, each made once.
+    """Fits of a base model with further effects, and rounds against them, each made once.
 
     Attributes
     ----------
@@ -114,70 +128,107 @@ class Bench:
     progress: Callable[[str], None]
     _fits: dict[tuple[int, ...], Solution] = field(default_factory=dict)
     _left: dict[tuple[int, ...], Remaining] = field(default_factory=dict)
+    _rounds: dict[tuple[tuple[int, ...], tuple[str, ...]], Round] = field(default_factory=dict)
 
     def fit(self, effects: Sequence[Effect]) -> Solution:
         """The base model and further effects, all parameters together under their constraints."""
         key = tuple(sorted(id(e) for e in effects))
         if key not in self._fits:
-            self._fits[key] = refit(self.base.model, self.o, effects) if effects else self.base
+            # The fit that shares most effects is a near start.
+            own = {id(e) for e in effects}
+            near = max((self.base, *self._fits.values()), key=lambda f: sum(id(e) in own for e in f.model.effects))
+            self._fits[key] = refit(self.base.model, self.o, effects, near.model) if effects else self.base
         return self._fits[key]
 
     def left(self, effects: Sequence[Effect]) -> Remaining:
-        """What that fit leaves."""
+        """What that fit leaves; where it does not come to rest, what the effects leave of the base model's rest to first order."""
         key = tuple(sorted(id(e) for e in effects))
         if key not in self._left:
-            self._left[key] = leaves(self.fit(effects), self.o)
+            try:
+                self._left[key] = leaves(self.fit(effects), self.o)
+            except UntrustworthyError:
+                left = self.left(())
+                self._left[key] = left.with_columns(np.hstack([left.rest(e) for e in effects]))
         return self._left[key]
+
+    def alone(self, named: Sequence[Named]) -> Array | None:
+        """What the base model leaves, where nothing is named."""
+        return None if named else self.left(()).r
 
     def round(self, effects: Sequence[Effect], barred: set[str]) -> Round:
         """All suspects that are not barred against what that fit leaves."""
         present = {(e.kind, e.where) for e in (*self.base.model.effects, *effects)}
-        able = [s for s in self.found if s.name not in barred and s.makes_sense_beside(present)]
-        self.progress(f"trying {sum(len(s.variants) for s in able)} variants of {len(able)} suspects")
-        return try_all(self.left(effects), able, self.seed)
+        able = [s for s in (*self.found, *further_suspects(effects)) if s.name not in barred]
+        able = [s for s in able if s.makes_sense_beside(present)]
+        key = tuple(sorted(id(e) for e in effects)), tuple(s.name for s in able)
+        if key not in self._rounds:
+            self.progress(f"trying {sum(len(s.variants) for s in able)} variants of {len(able)} suspects")
+            self._rounds[key] = try_all(self.left(effects), able, self.seed)
+        return self._rounds[key]
 
     def join(self, named: Sequence[Named], t: Tested, around: Round) -> Named | str:
         """One more effect beside the named ones, constants refined; or why the model with it cannot be fitted."""
-        others = [n.effect for n in named]
-        left = self.left(others)
-        effect = refine(left, t)
+        left = self.left(_effects(named))
+        others = [n.effect for n in named if not is_more_of(t, n.effect)]
+        old = next((n for n in named if is_more_of(t, n.effect)), None)
+        effect = refine(left, t) if old is None else grown(left, t, _LATER * around.level)
         self.progress(f"adding {t.suspect.name}")
         try:
             self.fit([*others, effect])
         except (InputError, UntrustworthyError) as error:
             return f"the model with it cannot be fitted: {error}"
-        return Named(effect, t, (), around.level)
+        return Named(effect, t if old is None else together(old.tested, t, effect), (), around.level)
 
 
-def search(base: Solution, o: Observations, found: list[Suspect], seed: int, progress: Callable[[str], None]) -> Search:
-    """Find what is missing in the model of a fit."""
-    bench = Bench(base, o, found, seed, progress)
+def search(bench: Bench, known: Sequence[Named] = ()) -> Search:
+    """Find what is missing in the model of a fit; it starts from `known`, found with an outlier among the readings."""
     faults: dict[str, str] = {}
-    named: list[Named] = []
-    first = None
+    named = list(known)
+    first = bench.round((), set())
     while True:
         last = bench.round(_effects(named), _names(named) | set(faults))
-        first = first or last
         faults |= last.faults
-        chosen = most_convincing([t for t in last.passed if may_join(t, named, first, last)])
-        if chosen is None or len(named) == MOST_EFFECTS:
+        able = [t for t in last.passed if may_join(t, named, first, last)]
+        if len(named) == MOST_EFFECTS:  # what is named may still be completed
+            able = [t for t in able if isinstance(t.suspect, Further)]
+        chosen = most_convincing(able, bench.alone(named))
+        if chosen is None:
             break
         joined = bench.join(named, chosen, last)
         if isinstance(joined, str):
             faults[chosen.suspect.name] = joined
             continue
-        doubtful = any(_alike(n.tested, joined.tested) for n in named)
+        named = [n for n in named if not is_more_of(chosen, n.effect)]
+        doubtful = any(_alike(n.tested, chosen) for n in named)
         named.append(joined)
         if doubtful:
             named = _hold_up_again(bench, named, faults)
-    named = _evidence_of_each(bench, named)
     effects = _effects(named)
-    return Search(base, bench.fit(effects), tuple(named), first, last, bench.left(effects), faults, found)
+    return Search(bench, bench.fit(effects), tuple(named), first, last, bench.left(effects), faults)
 
 
-def most_convincing(passed: Sequence[Tested]) -> Tested | None:
-    """The simplest of those that gain nearly as much as the best; None if nothing gains."""
+def weighed(found: Search, known: Sequence[Named] = ()) -> Search:
+    """The evidence for every name beside the others; one found with an outlier among the readings that does not stand starts all anew."""
+    named = _evidence_of_each(found.bench, list(found.named))
+    if known and any(n.tested.p_value >= n.level for n in named):
+        return weighed(search(found.bench))
+    return replace(found, named=tuple(named))
+
+
+def most_convincing(passed: Sequence[Tested], r: Array | None = None) -> Tested | None:
+    """The simplest of those that gain nearly as much as the best; None if nothing gains.
+
+    Parameters
+    ----------
+    r : (rows,), optional
+        What the base model leaves, where nothing is named yet. A weak effect with a constant to search - which of 60 harmonics? -
+        is significant before four fifths of the experiments agree on that constant. So where nothing gains with the constant
+        chosen fold by fold, one that gains with its own counts, unless other constants do nearly as well.
+    """
     able = [t for t in passed if t.gain > 0]
+    if not able and r is not None:
+        able = sorted((t for t in passed if t.own_gain > 0 and not is_sponge(r, t)), key=lambda t: t.p_value)
+        return able[0] if able else None
     if not able:
         return None
     near = [t for t in able if t.gain >= _NEARLY_AS_GOOD * able[0].gain]
@@ -193,6 +244,8 @@ def may_join(t: Tested, named: Sequence[Named], first: Round | None, last: Round
     """
     if named and t.p_value > _LATER * last.level:
         return False
+    if isinstance(t.suspect, Further):
+        return may_grow(t, last.passed)
     before = {} if first is None else {x.suspect.name: x for x in (*first.passed, *first.failed)}
     for n in named:
         own, other = before.get(n.tested.suspect.name), before.get(t.suspect.name)
@@ -209,12 +262,13 @@ def leaves(solution: Solution, o: Observations) -> Remaining:
     return remaining(Scene(solution.model, o), solution.residual, solution.identifiability.seen)
 
 
-def refit(base: Model, o: Observations, effects: Sequence[Effect]) -> Solution:
-    """The base model and further effects, all parameters together under their constraints."""
-    model = base
+def refit(base: Model, o: Observations, effects: Sequence[Effect], near: Model | None = None) -> Solution:
+    """The base model and further effects, all parameters together under their constraints; `near` has some of them fitted."""
+    known = {} if near is None else {id(e): x for e, x in zip(near.effects, near.values, strict=True)}
+    model = base if near is None else base.with_x(np.concatenate([known[id(e)] for e in base.effects]))
     for effect in effects:
-        model = extended(model, effect)
-    return identify(model, o, "sdp")
+        model = extended(model, effect, known.get(id(effect)))
+    return identify(model, o, "sdp", most_iterations=_MOST_ITERATIONS)
 
 
 def _effects(named: Sequence[Named]) -> list[Effect]:
@@ -230,10 +284,13 @@ def _hold_up_again(bench: Bench, named: list[Named], faults: dict[str, str]) -> 
     for old in list(named[:-1]):
         rest = [n for n in named if n is not old]
         around = bench.round(_effects(rest), _names(rest) | set(faults))
-        best = most_convincing(around.passed)
+        best = most_convincing(around.passed, bench.alone(rest))
         if best is None:
             named = rest
             continue
+        own = next((t for t in around.passed if t.suspect.name == old.tested.suspect.name and t.gain > 0), None)
+        if own is not None and not _alike(own, best):
+            continue  # what would go first now is another effect, and its turn comes
         if best.suspect.name == old.tested.suspect.name:
             continue
         joined = bench.join(rest, best, around)
@@ -253,6 +310,7 @@ def _evidence_of_each(bench: Bench, named: list[Named]) -> list[Named]:
     out = []
     per_dof = bench.left(_effects(named)).per_dof
     for n in named:
+        bench.progress(f"weighing {n.tested.suspect.name} beside the others")
         others = [m for m in named if m is not n]
         found = [_fixed(s, n) for s in bench.found if s.name not in _names(others)]
         around = try_all(bench.left(_effects(others)), found, bench.seed)

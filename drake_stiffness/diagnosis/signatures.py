@@ -1,6 +1,6 @@
 """What an effect would do to the readings: its columns in units of noise, at a fitted model.
 
-Effects that deflect joints get J_i theta_i at the loaded posture, one evaluation of the effect a parameter; linear springs
+Effects that deflect joints get their deflection times what a turn of the joint does to the loaded arm; linear springs
 their analytic columns (seed eq. 23); all others central differences of the loaded equilibrium. This is for screening many
 candidates; what joins the model is refitted around the loaded equilibrium.
 """
@@ -12,16 +12,32 @@ from functools import cached_property
 
 import numpy as np
 
-from drake_stiffness.arm import Poses, forward, joint_jacobian, torques
+from drake_stiffness.arm import Arm, Poses, forward, torques
 from drake_stiffness.effects import Effect
 from drake_stiffness.effects.compliance import ROTATION_SCALE, Spring
-from drake_stiffness.effects.effect import Carried, Cases, Reading
+from drake_stiffness.effects.effect import Carried, Cases, Parameter
 from drake_stiffness.equilibrium import Equilibrium, solve_equilibrium
 from drake_stiffness.model import Model
 from drake_stiffness.observation import Observations, whitened
-from drake_stiffness.rotations import Array, logarithm, multiply, rotate
-from drake_stiffness.sensitivity import SpringColumns, instrument_jacobians, take_poses
+from drake_stiffness.rotations import Array, logarithm, multiply
+from drake_stiffness.sensitivity import SpringColumns
 from drake_stiffness.simulation import read
+
+# A further deflection (rad or m) whose effect is linear, and far above rounding.
+_TURNED = 1e-4
+
+
+class _Turned(Effect):
+    """A joint that stands off by a constant, load or no load; never a suspect."""
+
+    kind, station = "turned", "spring"
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        return (Parameter("turn", "rad", _TURNED),)
+
+    def deflection(self, arm: Arm, carried: Carried, cases: Cases, x: Array) -> dict[int, Array]:
+        return {arm.joint_names.index(self.where): np.full(cases.number, x[0])}
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,17 +78,16 @@ class Scene:
 
     @cached_property
     def joint_columns(self) -> Array:
-        """Change of the readings per unit deflection of each joint, (n, 6, M), as the instruments see it."""
+        """Change of the readings per unit of further deflection of each joint, (n, 6, M), in the loaded equilibrium.
+
+        The turned joint moves what the others carry, so all springs give anew: for an arm of 5 mm sag and a compensator that
+        turns a joint by 5 mrad this is as large as the compensator's own trace in displacements.
+        """
         m = self.o.measurements
-        arm, poses = self.model.structure.arm, take_poses(self.poses, m.case)
-        p = poses.p_E + rotate(poses.R_E, self.model.point_positions(m.point))
-        J = joint_jacobian(arm, poses, p)
-        turn = instrument_jacobians(self.model, self.cases, Reading(p, poses.R_E, m.point, m.case))
-        if turn is None:
-            return J
-        return np.concatenate(
-            [np.einsum("abm,nbm->nam", turn[0], J[:, :3]), np.einsum("abm,nbm->nam", turn[1], J[:, 3:])], axis=1
-        )
+        scales = np.array([_TURNED])
+        turns = [_Turned(name) for name in self.model.structure.arm.joint_names]
+        columns = [_differences(self, turn, scales)[:, :, 0].T / _TURNED for turn in turns]
+        return np.stack(columns) if columns else np.zeros((0, 6, m.case.size))
 
     @cached_property
     def spring_columns(self) -> SpringColumns:

@@ -60,9 +60,16 @@ def show_diagnosis(console: Console, result: Diagnosed) -> None:
         console.print(f"What remains: {document['where_in_words']['after']}.")
     if gap["noise_implausible"]:
         console.print(
-            f"! The stated noise is implausible: points of one flange, which move as a rigid body, show {result.diagnosis.noise.ratio:.2g} "
-            "times as much. Tests use the noise that the data show."
+            f"! The stated noise is implausible: {result.diagnosis.noise.in_words}. Tests use the noise that the data show."
         )
+    for entry in document["effects"]:
+        if entry.get("outside_the_catalogue_as_good"):
+            console.print(
+                f"! {entry['kind']} at {entry['where']}: a form outside the catalogue would explain nearly as much: "
+                f"{entry['outside_the_catalogue_as_good']}."
+            )
+    for line in limits_in_words(document["not_detectable_above"]):
+        console.print(line)
     untestable: dict[tuple[str, str], list[str]] = defaultdict(list)
     for entry in document["untestable"]:
         untestable[entry["kind"], entry["lacks"]].append(entry["where"])
@@ -89,6 +96,28 @@ def searched(entry: dict[str, Any]) -> list[tuple[str, object, str]]:
     return [
         (name, value, units.get(name, "")) for name, value in entry["settings"].items() if name not in _NEVER_SEARCHED
     ]
+
+
+def limits_in_words(limits: list[dict[str, Any]]) -> list[str]:
+    """How large what was tried and not named could be at most, a line a kind: the place where it shows best and worst."""
+    by_kind: dict[str, list[dict[str, Any]]] = defaultdict(list)
+    for limit in limits:
+        by_kind[limit["kind"]].append(limit)
+    lines = []
+    for kind, found in by_kind.items():
+        found = sorted(found, key=lambda x: x["rms_um"])
+        words = [f"{x['rms_um']:.2g} um rms at {x['where']}{_as_value(x)}" for x in (found[0], found[-1])]
+        lines.append(
+            f"Not detectable: {kind} that moves the readings by less than {' .. '.join(dict.fromkeys(words))}."
+        )
+    return lines
+
+
+def _as_value(limit: dict[str, Any]) -> str:
+    if limit["value"] is None:
+        return ""
+    factor, unit = read_as(limit["unit"])
+    return f" ({limit['parameter']} {limit['value'] * factor:.2g} {unit})"
 
 
 def p_words(p: float) -> str:

@@ -187,6 +187,14 @@ class Effect(ABC):
         """The same effect with its nonlinear constants a little changed, by about `step` of themselves. None by default."""
         yield from ()
 
+    def further(self) -> Iterator[Effect]:
+        """What of the same kind may be at the same place besides, each alone: other harmonics. None by default."""
+        yield from ()
+
+    def joined(self, other: Effect) -> Effect:
+        """One effect that is this one and one of `further`; its unknowns are those of this one, then of the other."""
+        raise TypeError(f"{type(self).__name__} is one of a kind at its place")
+
     def settings(self) -> dict[str, object]:
         """What besides `kind` and `where` is needed to make this effect again (goes into `model.json`)."""
         return {}

@@ -10,7 +10,7 @@ import numpy as np
 
 from drake_stiffness.effects.compliance import expect
 from drake_stiffness.effects.effect import Effect, Parameter
-from drake_stiffness.rotations import Array, exponential
+from drake_stiffness.rotations import Array, rotation_of_vector
 from drake_stiffness.springs import COMPONENTS
 
 if TYPE_CHECKING:
@@ -103,7 +103,7 @@ def _moved(arm: Arm, joint: int, d: Array, r: Array, *, before_spring: bool) -> 
     A geometric error moves the frame together with the link spring that stands in it. A zero offset comes after that
     spring, with the joint: it turns the axes of everything beyond, which is a change of the constants *after* the joint.
     """
-    R = exponential(r[:, None])[:, :, 0]
+    R = rotation_of_vector(r)
     if before_spring:
         R_PF, p_PF = arm.R_PF.copy(), arm.p_PF.copy()
         p_PF[joint] = p_PF[joint] + R_PF[joint] @ d

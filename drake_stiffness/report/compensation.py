@@ -11,6 +11,7 @@ import numpy as np
 import drake_stiffness
 from drake_stiffness.report import compensation_plots as plots
 from drake_stiffness.report import page as h
+from drake_stiffness.report.compensation_trust import trust_sections
 from drake_stiffness.report.limits import limits
 
 if TYPE_CHECKING:
@@ -63,8 +64,12 @@ def answer(result: Compensation) -> str:
         )
     else:
         parts.append("There is nothing to compensate, so no number of the program changes.")
+    high = d["residual_interval_mm"]["high"]["p95"]
     if np.isfinite(sigma):
-        parts.append(f"The model itself is uncertain by {h.length(sigma, 2)} (1 sigma).")
+        parts.append(
+            f"The model itself is uncertain by {h.length(sigma, 2)} (1 sigma). With all that is stated, the residual stays below "
+            f"{h.length(high, 2)} at a point with 95 % probability."
+        )
     else:
         parts.append("How uncertain the model itself is, is not known: it carries no statistics.")
     if result.refusals:
@@ -112,6 +117,7 @@ def body(result: Compensation, model: Model, level: int) -> h.Markup:
         _tiles(result),
         h.section("How far off, before and after", *_deviation(result), level=level),
         h.section("What was changed", *_correction(result), level=level),
+        trust_sections(result, level),
         h.section("How much of this to believe", *limits(result, model), level=level),
         _lines(result, level),
         h.section("Conventions", _conventions(result), level=level),
@@ -147,6 +153,7 @@ def _deviation(result: Compensation) -> list[h.Markup]:
             ("uncompensated, predicted", "uncompensated_mm"),
             ("after one shot", "one_shot_residual_mm"),
             ("converged, as printed", "residual_mm"),
+            ("joint springs of this model alone", "joints_only_mm"),
             ("correction applied", "correction_mm"),
             ("uncertainty of the model (1 sigma)", "model_sigma_mm"),
         )
@@ -210,6 +217,13 @@ def _lines(result: Compensation, level: int) -> h.Markup:
     if result.insertions:
         inserted = [(i.line, ", ".join(i.words), i.text.strip()) for i in result.insertions[:_LISTED]]
         parts.append(_listing(("line", "words", "inserted text"), inserted, len(result.insertions)))
+    arcs = result.program.replaced
+    if arcs:
+        moves = [
+            (a.line, a.before, f"{a.new_line} to {a.new_line + a.after.count(chr(10))}", a.after)
+            for a in arcs[:_LISTED]
+        ]
+        parts.append(_listing(("line", "arc", "lines now", "straight moves"), moves, len(arcs)))
     if result.notes:
         parts.append(h.bullets(result.notes[:_LISTED]))
     if not parts:
@@ -242,8 +256,8 @@ def _conventions(result: Compensation) -> h.Markup:
 def _provenance(result: Compensation, model: Model) -> h.Markup:
     made = model.provenance
     files: list[tuple[object, object, object]] = [
-        ("program", PurePath(result.program.path).name, _sha(result.program.raw)),
-        ("corrected program", "(output)", _sha(result.raw)),
+        ("program", PurePath(result.program.path).name, _digest(result.digests[0])),
+        ("corrected program", "(output)", _digest(result.digests[1])),
         ("process", result.process.path.name, _sha(result.process.path.read_bytes())),
     ]
     files += [
@@ -264,6 +278,8 @@ def _provenance(result: Compensation, model: Model) -> h.Markup:
 def _force_law(result: Compensation) -> str:
     """Where the force came from."""
     force = result.process.force
+    if force.milling is not None:
+        return force.milling.in_words
     if force.constant is None:
         return f"The force is from the table {force.table}, one row per corrected motion."
     parts = [f"{value:g}" for value in force.constant.wrench]
@@ -271,4 +287,8 @@ def _force_law(result: Compensation) -> str:
 
 
 def _sha(data: bytes) -> h.Markup:
-    return h.Markup(f'<span class="mono">{hashlib.sha256(data).hexdigest()}</span>')
+    return _digest(hashlib.sha256(data).hexdigest())
+
+
+def _digest(hexadecimal: str) -> h.Markup:
+    return h.Markup(f'<span class="mono">{hexadecimal}</span>')

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from matplotlib.collections import LineCollection
 from matplotlib.ticker import FuncFormatter
+from numpy.typing import NDArray
 
 from drake_stiffness.report import figures as f
 
@@ -50,6 +51,39 @@ def deviation_figure(s_mm: Floats, before: Floats, one_shot: Floats, after: Floa
     _along(ax)
     f.legend(ax)
     return f.uri(made, many=s_mm.size > f.MANY)
+
+
+def interval_figure(s_mm: Floats, after: Floats, low: Floats, high: Floats) -> str:
+    """Predicted residual, as printed, in its 95 % interval."""
+    made, ax = f.new(3.6)
+    x, _, bottom, _ = f.envelope(s_mm, low)
+    _, _, _, top = f.envelope(s_mm, high)
+    ax.fill_between(x, bottom, top, color=f.SKY, alpha=0.35, linewidth=0, label="95 % interval")
+    f.line(ax, s_mm, after, f.BLUE, "residual predicted, as printed", width=1.0)
+    ax.set_ylim(bottom=0.0)
+    ax.set_ylabel("residual, mm")
+    _along(ax)
+    f.legend(ax)
+    return f.uri(made, many=s_mm.size > f.MANY)
+
+
+def probe_figure(measured: Floats, after_model: Floats, rest: Floats, order: NDArray[np.int_]) -> str:
+    """Lengths of deviations (M, 3) at probed places."""
+    made, ax = f.new(3.4)
+    place = np.arange(1, order.size + 1)
+    for values, colour, label in (
+        (measured, f.SERIES[1], "measured"),
+        (after_model, f.SERIES[5], "after what the model explains"),
+        (rest, f.SERIES[2], "after named causes"),
+    ):
+        ax.plot(
+            place, np.linalg.norm(values[order], axis=1), "o-", color=colour, markersize=3, linewidth=1, label=label
+        )
+    ax.set_ylim(bottom=0.0)
+    ax.set_xlabel("probed place, in the order of the path")
+    ax.set_ylabel("deviation, mm")
+    f.legend(ax)
+    return f.uri(made, many=order.size > f.MANY)
 
 
 def correction_figure(s_mm: Floats, correction_mm: Floats, force_N: Floats) -> str:

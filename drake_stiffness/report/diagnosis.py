@@ -82,7 +82,7 @@ def _callouts(result: Diagnosed) -> list[h.Markup]:
         out.append(
             h.callout(
                 "THE STATED NOISE IS IMPLAUSIBLE.",
-                f"Points of one flange move as a rigid body; what is left of them shows {h.number(d.noise.ratio, 2)} times the stated noise.",
+                f"{d.noise.in_words[0].upper()}{d.noise.in_words[1:]}.",
                 "All tests here use the noise that the data show. Correct noise.position_sigma_mm in campaign.yaml, or look for what "
                 "shakes the instrument.",
             )

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from drake_stiffness.model_form import stated
 from drake_stiffness.report import page as h
 
 if TYPE_CHECKING:
@@ -18,6 +19,7 @@ def limits(result: Compensation, model: Model) -> list[h.Markup]:
     fit = model.fit
     sigma = result.sigma_mm[np.isfinite(result.sigma_mm)]
     held = fit.get("held_out_rms_mm")
+    form = float(result.account.interval.form_mm.mean()) if np.isfinite(stated(fit)) else float("nan")
     share = float(result.unsupported.max(initial=0.0))
     rows = [
         ("residual predicted, as printed (mean)", h.length(float(result.after_mm.mean())), "computed above"),
@@ -35,10 +37,21 @@ def limits(result: Compensation, model: Model) -> list[h.Markup]:
         (
             "part of the prediction that the campaign does not support",
             f"{100 * share:.1f} %",
-            "at most, along the path; above 50 % the program is refused",
+            "at most, along the path; above 20 % the program is refused",
         ),
         ("repeatability of the robot", "see its data sheet", "ISO 9283; often 0.03 to 0.1 mm for large arms"),
-        ("process force assumed", "see process.yaml", "10 % too much or too little leaves 10 % of the deviation"),
+        (
+            "process force assumed, 1 sigma (mean)",
+            h.length(float(result.account.interval.force_mm.mean()))
+            if result.account.relative_sigma.any()
+            else "not stated",
+            "force.relative_sigma of process.yaml; 10 % too much or too little leaves 10 % of the deviation",
+        ),
+        (
+            "error of the model's form, 1 sigma (mean)",
+            h.length(form, 2) if np.isfinite(form) else "not known",
+            "what held-out readings leave beyond noise, carried to this path",
+        ),
     ]
     text = (
         "The deviations above are the model's own predictions: they show that the corrected program does what the model asks, not that "

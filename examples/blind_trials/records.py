@@ -113,6 +113,11 @@ def read_records(folder: Path) -> list[Record]:
     return [_record(json.loads(path.read_text(encoding="utf-8"))) for path in sorted(folder.glob("*.json"))]
 
 
+def read_failures(folder: Path) -> list[tuple[str, str]]:
+    """Trials that gave no answer, and the last line of why."""
+    return [(p.stem, p.read_text(encoding="utf-8").strip().splitlines()[-1]) for p in sorted(folder.glob("*.failed"))]
+
+
 def _record(data: dict[str, Any]) -> Record:
     t, d = data["truth"], data["document"]
     hidden = tuple(

@@ -1,6 +1,7 @@
 """Runs blind trials through the program's own job, on files; resumes where it stopped: one JSON a trial.
 
-Run: python examples/blind_trials/run.py OUT --plan one --trials 100 [--first 0] [--arm kr270] [--kind KIND] [--processes 2]
+Run: python examples/blind_trials/run.py OUT --plan one --trials 100 [--first 0] [--arm kr270] [--kind KIND] [--postures 16]
+     [--processes 2] [--classes]
 """
 
 from __future__ import annotations
@@ -26,7 +27,7 @@ sys.path[:0] = [str(HERE.parents[1]), str(HERE.parent)]
 import numpy as np  # noqa: E402
 
 from blind_trials.classes import class_of, nearest  # noqa: E402
-from blind_trials.generator import PLANS, Trial, make_trial, truth_of, write_files  # noqa: E402
+from blind_trials.generator import PLANS, POSTURES, Trial, make_trial, truth_of, write_files  # noqa: E402
 
 #: A trial that takes longer than this has failed, s.
 LIMIT_S = 400
@@ -45,14 +46,21 @@ def diagnose_files(campaign: Path) -> dict[str, Any]:
 
 
 def one_trial(
-    seed: int, plan: str, arm: str | None, kind: str | None, sigma: float | None, classes: bool, designs: Path
+    seed: int,
+    plan: str,
+    arm: str | None,
+    kind: str | None,
+    sigma: float | None,
+    classes: bool,
+    designs: Path,
+    postures: int = POSTURES,
 ) -> dict[str, Any]:
     """Make a campaign, have it diagnosed, and set the truth beside the answer; TimeoutError if that takes too long."""
     started = time.monotonic()
     signal.signal(signal.SIGALRM, _too_long)
     signal.alarm(LIMIT_S)
-    trial = make_trial(seed, plan, arm=arm, kind=kind, sigma=sigma, designs=designs)
-    record = {"truth": truth_of(trial), "making_seconds": time.monotonic() - started}
+    trial = make_trial(seed, plan, arm=arm, kind=kind, sigma=sigma, postures=postures, designs=designs)
+    record = {"truth": truth_of(trial), "postures": postures, "making_seconds": time.monotonic() - started}
     with tempfile.TemporaryDirectory() as folder:
         record |= diagnose_files(write_files(trial, Path(folder)))
     signal.alarm(0)
@@ -105,7 +113,15 @@ def run(folder: Path, jobs: list[tuple[int, str]], options: argparse.Namespace) 
     with ProcessPoolExecutor(options.processes) as pool:
         running = {
             pool.submit(
-                one_trial, seed, plan, options.arm, options.kind, options.sigma, options.classes, folder / "designs"
+                one_trial,
+                seed,
+                plan,
+                options.arm,
+                options.kind,
+                options.sigma,
+                options.classes,
+                folder / "designs",
+                options.postures,
             ): (seed, plan)
             for seed, plan in todo
         }
@@ -114,13 +130,14 @@ def run(folder: Path, jobs: list[tuple[int, str]], options: argparse.Namespace) 
             error = future.exception()
             if error is not None:
                 text = "".join(traceback.format_exception(error))
-                (folder / f"{plan}_{seed}.failed").write_text(text, encoding="utf-8")
+                (folder / f"{plan}_{seed}.failed").write_text(text, encoding="utf-8")  # tried again by the next run
                 yield f"{k}/{len(todo)} {plan} {seed}: FAILED {error}"
                 continue
             record = future.result()
             path = folder / f"{plan}_{seed}.json"
             path.with_suffix(".part").write_text(json.dumps(record), encoding="utf-8")
             path.with_suffix(".part").rename(path)
+            path.with_suffix(".failed").unlink(missing_ok=True)
             yield f"{k}/{len(todo)} {plan} {seed}: {summary(record)}"
 
 
@@ -145,6 +162,9 @@ def main() -> None:
     parser.add_argument("--arm")
     parser.add_argument("--kind")
     parser.add_argument("--sigma", type=float)
+    parser.add_argument(
+        "--postures", type=int, default=POSTURES, help="experiments a campaign, 18 steps of 3 points each"
+    )
     parser.add_argument("--classes", action="store_true", help="also compute the oracle's classes (half a minute each)")
     parser.add_argument("--processes", type=int, default=os.cpu_count() or 1)
     options = parser.parse_args()

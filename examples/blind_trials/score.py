@@ -17,7 +17,7 @@ sys.path.insert(0, str(HERE.parent))
 import numpy as np  # noqa: E402
 
 from blind_trials.oracle import power  # noqa: E402
-from blind_trials.records import Record, Truth, read_records  # noqa: E402
+from blind_trials.records import Record, Truth, read_failures, read_records  # noqa: E402
 from blind_trials.stands import STANDS  # noqa: E402
 
 BANDS = ((1.0, 3.0), (3.0, 5.0), (5.0, 8.0), (8.0, 20.1), (20.1, 1e9))
@@ -211,8 +211,14 @@ def failures(records: list[Record]) -> str:
     return table(["trial", "base model", "hidden (sigma)", "verdict", "said"], rows)
 
 
-def report(records: list[Record]) -> str:
-    """All tables."""
+def report(records: list[Record], without_answer: Sequence[tuple[str, str]] = ()) -> str:
+    """All tables.
+
+    Parameters
+    ----------
+    without_answer
+        Trials that broke off, and why (`records.read_failures`).
+    """
     cases = visible(records)
     count = Counter(r.plan for r in records)
     seeds = {
@@ -244,6 +250,8 @@ def report(records: list[Record]) -> str:
         uniformity(records),
         "## Failures\n",
         failures(records),
+        "## Without an answer\n",
+        table(["trial", "reason"], without_answer) if without_answer else "None.\n",
     ]
     return "\n".join(parts)
 
@@ -253,7 +261,7 @@ def main() -> None:
     parser.add_argument("folder", type=Path)
     parser.add_argument("--write", action="store_true")
     options = parser.parse_args()
-    text = report(read_records(options.folder))
+    text = report(read_records(options.folder), read_failures(options.folder))
     print(text)
     if options.write:
         DOCUMENT.write_text(text, encoding="utf-8")

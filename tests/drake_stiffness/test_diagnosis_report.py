@@ -20,7 +20,8 @@ from drake_stiffness.diagnosis.words import effect_words, p_words  # noqa: E402
 from drake_stiffness.report.diagnosis import answer, diagnosis_report  # noqa: E402
 from drake_stiffness.report.diagnosis_arm import residual_arrows  # noqa: E402
 from drake_stiffness.report.diagnosis_evidence import next_section  # noqa: E402
-from drake_stiffness.report.diagnosis_scene import _arrow, scene_html  # noqa: E402
+from drake_stiffness.report.diagnosis_scene import scene_html  # noqa: E402
+from drake_stiffness.report.solids import arrow  # noqa: E402
 from drake_stiffness.report.diagnosis_shape import shapes, without_effect  # noqa: E402
 
 HIDDEN = ROOT / "examples" / "kr270_hidden"
@@ -135,7 +136,7 @@ def in_scene(page: str, part: str) -> bool:
 
 
 def test_an_arrow_is_closed_and_points_from_its_start_to_its_end():
-    vertices, faces = _arrow(np.array([1.0, 0.0, 0.0]), np.array([0.0, 0.0, 2.0]), 0.1)
+    vertices, faces = arrow(np.array([1.0, 0.0, 0.0]), np.array([0.0, 0.0, 2.0]), 0.1)
     edges = np.sort(np.hstack([faces[[0, 1]], faces[[1, 2]], faces[[2, 0]]]), axis=0)
     _, count = np.unique(edges, axis=1, return_counts=True)
     assert (count == 2).all()
@@ -172,7 +173,7 @@ def test_outliers_a_class_a_withdrawn_name_and_false_noise_are_called_out(found)
     (n,) = d.search.named
     other = next(t for t in d.search.first.failed + d.search.first.passed if t.suspect.kind == "joint_hardening")
     search = replace(d.search, named=(replace(n, confounded=(other,)),), faults={"<b> at joint_1": "it broke"})
-    odd = Outlier("E07:4", 1e-12, 300.0, 9.0, 1.0)
+    odd = Outlier("E07:4", 1e-12, 300.0, 9.0, 1.0, 3)
     noise = replace(d.noise, ratio=3.0, p_value=0.0)
     changed = with_changes(found, search=search, outliers=(odd,), withdrawn={"x at joint_9": "wrong"}, noise=noise)
     page = diagnosis_report(changed)

@@ -244,13 +244,13 @@ def test_compensation_shows_its_summary(pages, compensated):
     assert "repeatability" in text
 
 
-def test_short_programs_without_force_or_statistics(compensated, identified):
-    points = 1
-    own = ("rows", "line", "target_mm", "correction_mm", "force_N", "before_mm", "one_shot_mm", "after_mm")
-    cut = {name: 0 * getattr(compensated, name)[:points] for name in own}
-    nowhere = {"sigma_mm": np.full(points, np.nan), "unsupported": np.zeros(points)}
-    short = replace(compensated, **cut, **nowhere)
+def test_short_programs_without_force_or_statistics(identified, tmp_path):
+    lines = (EXAMPLE / "pocket.src").read_text().splitlines()
+    (tmp_path / "short.src").write_text(next(line for line in lines if line.startswith("LIN")) + "\n")
+    idle = (EXAMPLE / "process.yaml").read_text().replace("cell: cell.yaml", "")
+    (tmp_path / "process.yaml").write_text(re.sub(r"constant: \{.*\}", "constant: {fz_N: 0, frame: tool}", idle))
     bare = replace(identified.model, statistics=None, fit={}, provenance={})
+    short = compensate(read_program(tmp_path / "short.src", None), bare, read_process(tmp_path / "process.yaml"))
     text = text_of(compensation_report(short, bare))
     assert "nothing to compensate" in text
     assert "carries no statistics" in text

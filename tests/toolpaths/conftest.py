@@ -112,7 +112,7 @@ def pocket():
     return program_of("$BASE = BASE_DATA[1]", *motions[:-10:20], *motions[-9:-1])
 
 
-@pytest.fixture
+@pytest.fixture(scope="session")
 def tools():
     """What tests build programs and processes with."""
 

@@ -159,9 +159,8 @@ def test_the_cell_is_compared_by_what_it_is(model, tmp_path):
         check_model(process, model)
 
 
-def test_cutting_force_models_are_refused_by_name(tmp_path):
-    """Planned in the contract, not in this version: an answer, not a silent zero."""
-    with pytest.raises(InputError, match=r"force\.milling"):
+def test_half_a_description_of_milling_is_refused_with_what_is_missing(tmp_path):
+    with pytest.raises(InputError, match=r"force\.milling\.teeth: missing"):
         write(tmp_path, "posture_deg: [0, 0, 0, 0, 0, 0]\nforce: {milling: {diameter_mm: 20}}\n")
 
 
@@ -313,8 +312,9 @@ def test_limits_on_the_way_are_named_by_line_and_joint(pocket, model, tools):
 
 
 def test_a_load_that_the_arm_cannot_bear(pocket, model, tools):
+    """Springs that give way faster than weight pushes the arm back (a force that no arm bears is refused before)."""
     with pytest.raises(UntrustworthyError, match=r"posture .*load .*(stable|converge)"):
-        job.compensate(pocket, model, tools.process(force=tools.constant("world", fz_N=-9e7)))
+        job.compensate(pocket, model.with_x(3e4 * model.x), tools.process())
 
 
 def test_an_external_word_that_nothing_maps_is_refused_where_the_arm_has_joints_to_spare(track_model, tools):

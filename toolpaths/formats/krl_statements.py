@@ -11,7 +11,8 @@ from toolpaths.program import FrameSetting
 _FLAGS = re.IGNORECASE
 
 CONTENT = re.compile(
-    rb"^(?:\xef\xbb\xbf)?[ \t]*(?:&ACCESS\b|(?:GLOBAL[ \t]+)?DEF(?:FCT)?[ \t]+[\w$ \t]+\(|S?(?:LIN|PTP|CIRC)(?:_REL)?[ \t]*\{)",
+    rb"^(?:\xef\xbb\xbf)?[ \t]*(?:&ACCESS\b|(?:GLOBAL[ \t]+)?DEF(?:FCT)?[ \t]+[\w$ \t]+\((?![^\r\n]*\)[ \t]*:)"
+    rb"|S?(?:LIN|PTP|CIRC)(?:_REL)?[ \t]*\{)",
     _FLAGS | re.MULTILINE,
 )
 MOTION = re.compile(rb"(?:\xef\xbb\xbf)?\s*(S?(?:LIN|PTP|CIRC)(?:_REL)?|SPL(?:_REL)?)(?![\w$])", _FLAGS)
@@ -38,7 +39,20 @@ _STILL = frozenset(
 _FRAME = re.compile(rb"\s*\$(BASE|TOOL)\s*(?=[=.\[])", _FLAGS)
 _CONTROLLER_DATA = re.compile(rb"=\s*(?:BASE|TOOL)_DATA\s*\[[^\]]*\]\s*\Z", _FLAGS)
 _NULL_FRAME = re.compile(rb"=\s*\$(?:NULLFRAME|WORLD)\s*\Z", _FLAGS)
-_BAS = re.compile(rb"\s*BAS\s*\(\s*#(BASE|TOOL|FRAMES|PTP_PARAMS|CP_PARAMS)\b", _FLAGS)
+_BAS = re.compile(rb"\s*BAS\s*\(\s*#(BASE|TOOL)\b", _FLAGS)
+_BAS_FRAMES = re.compile(rb"\s*BAS\s*\(\s*#(?:FRAMES|PTP_PARAMS|CP_PARAMS)\b", _FLAGS)
+_FRAME_DATA = re.compile(rb"\s*FDAT_ACT\s*=\s*([A-Za-z_]\w*)\s*\Z", _FLAGS)
+_FLOAT = rb"\s*([+]?(?:\d{1,9}\.?\d{0,9}|\.\d{1,9})(?:E[+-]?\d)?)\s*"
+_FEED = re.compile(
+    rb"\s*(?:\$VEL\s*\.\s*CP\s*=(?!=)|\$VEL\s*=(?!=)|BAS\s*\(\s*#(?:VEL_CP|CP_PARAMS|INITMOV)\b)", _FLAGS
+)
+_FEED_VALUE = re.compile(
+    rb"\s*(?:\$VEL\s*\.\s*CP\s*=%s|\$VEL\s*=\s*\{\s*CP\s+%s[,}].*|BAS\s*\(\s*#(?:VEL_CP|CP_PARAMS)\s*,%s\)\s*)\Z"
+    % (_FLOAT, _FLOAT, _FLOAT),
+    _FLAGS | re.DOTALL,
+)
+_FEED_WITH = re.compile(rb"\$VEL(?:\s*\.\s*CP\s*=%s|\s*=\s*SVEL_CP\s*\(%s)(?=[,)]|\s*C_|\Z)" % (_FLOAT, _FLOAT), _FLAGS)
+_FRAME_WITH = re.compile(rb"\$(BASE|TOOL|IPO_MODE)\s*=\s*(?:S(?:BASE|TOOL2?|IPO_MODE)\s*\(\s*(F\w+)|(\S[^,]*))", _FLAGS)
 _FATAL = (
     (
         re.compile(rb"\$IPO_MODE\s*=\s*#TCP\b", _FLAGS),
@@ -61,8 +75,7 @@ def frame_setting(raw: bytes, start: int, end: int, line: int) -> FrameSetting |
     text = shown(raw, start, end)
     called = _BAS.match(raw, start, end)
     if called is not None:
-        # PTP_PARAMS and CP_PARAMS of inline forms take base and tool from FDAT_ACT; the base decides what poses mean.
-        return FrameSetting(line, "tool" if called[1].upper() == b"TOOL" else "base", "controller", None, text)
+        return FrameSetting(line, called[1].decode().lower(), "controller", None, text)
     match = _FRAME.match(raw, start, end)
     if match is None:
         return None
@@ -83,6 +96,45 @@ def frame_setting(raw: bytes, start: int, end: int, line: int) -> FrameSetting |
             pose = tuple(math.nan if token is None else float(token) for token in tokens)
             return FrameSetting(line, what, "literal", pose, text)
     return FrameSetting(line, what, "expression", None, text)
+
+
+def frames_by_data(code: bytes) -> bool:
+    """Whether a line takes base and tool from the data of the inline form (``FDAT_ACT``)."""
+    return _BAS_FRAMES.match(code) is not None
+
+
+def frame_data_name(code: bytes) -> str | None:
+    """Name of the frame data that a line makes the present ones."""
+    match = _FRAME_DATA.match(code)
+    return None if match is None else match[1].decode()
+
+
+def feed_setting(code: bytes) -> float | None:
+    """Feed in mm/min that a line sets for motions along a path; NaN where it sets one that is no number; None if it sets none."""
+    if _FEED.match(code) is None:
+        return None
+    match = _FEED_VALUE.match(code)
+    return math.nan if match is None else _millimetres_a_minute(match)
+
+
+def feed_with(clause: bytes) -> float | None:
+    """As `feed_setting`, for what a spline segment sets for itself after WITH."""
+    if b"$VEL" not in clause.upper():
+        return None
+    match = _FEED_WITH.search(clause)
+    return math.nan if match is None else _millimetres_a_minute(match)
+
+
+def _millimetres_a_minute(match: re.Match[bytes]) -> float:
+    return 60e3 * float(next(group for group in match.groups() if group is not None))
+
+
+def frames_with(clause: bytes) -> list[tuple[str, str, str]]:
+    """What a segment sets for itself: "base", "tool" or "ipo_mode", the name of the frame data (or ""), the text of the value."""
+    return [
+        (m[1].decode().lower(), (m[2] or b"").decode(), (m[3] or b"").decode("ascii", "replace").strip())
+        for m in _FRAME_WITH.finditer(clause)
+    ]
 
 
 def boundary(code: bytes) -> str | None:

@@ -5,8 +5,9 @@ from __future__ import annotations
 import re
 from typing import NamedTuple
 
+from toolpaths.formats.reading import Unreadable
 from toolpaths.printed import read_number
-from toolpaths.program import UNWRITTEN
+from toolpaths.program import NO_STATUS, UNWRITTEN
 
 POSE_WORDS = (b"X", b"Y", b"Z", b"A", b"B", b"C")
 EXTERNAL_WORDS = tuple(b"E%d" % n for n in range(1, 7))
@@ -18,25 +19,43 @@ _TYPE = re.compile(rb"\s*([A-Za-z]\w*)\s*:")
 _TYPES = (b"E6POS", b"E3POS", b"POS", b"FRAME", b"E6AXIS", b"E3AXIS", b"AXIS")
 _WORD = re.compile(rb"\s*([A-Za-z_$][\w$]*)(?:\s+|(?=[+-]))(\S(?:.*\S)?)\s*", re.DOTALL)
 _NUMERIC = re.compile(rb"[\d.+\-eE]+")
-
-
-class Unreadable(Exception):
-    """What was found instead of a literal pose, at which byte offset of the file."""
-
-    def __init__(self, at: int, found: str) -> None:
-        super().__init__(found)
-        self.at = at
-        self.found = found
+_BITS = re.compile(rb"(?:'B([01]+)'|'H([0-9A-F]+)'|(\d{1,9}))", re.IGNORECASE)
 
 
 class Aggregate(NamedTuple):
-    """A literal aggregate: tokens of X..C and E1..E6 (None: not written), spans of X..C, first byte, byte after ``}``."""
+    """A literal aggregate.
+
+    Attributes
+    ----------
+    tokens, spans
+        Numbers of X..C and E1..E6 (None: not written), byte spans of X..C.
+    body, end
+        First byte of its words (-1: none can be inserted) and the byte after it.
+    is_axes
+        Whether it gives axis angles.
+    status
+        The value of S as written, None where it is not.
+    point
+        Key of the stored point that these are the numbers of, None for a pose written in the motion.
+    """
 
     tokens: tuple[bytes | None, ...]
     spans: tuple[tuple[int, int], ...]
     body: int
     end: int
     is_axes: bool
+    status: bytes | None = None
+    point: object = None
+
+
+def status_bits(value: bytes | None) -> tuple[int, int, int]:
+    """Shoulder, elbow and wrist (0 or 1; -1 unknown) of a KRL status: bits 0, 1 and 2."""
+    match = None if value is None else _BITS.fullmatch(value.strip())
+    if match is None:
+        return NO_STATUS
+    bits, hexadecimal, decimal = match.groups()
+    number = int(bits, 2) if bits else int(hexadecimal, 16) if hexadecimal else int(decimal)
+    return number & 1, number >> 1 & 1, number >> 2 & 1
 
 
 def code_end(raw: bytes, start: int, end: int) -> int:
@@ -84,6 +103,7 @@ def read_aggregate(raw: bytes, start: int, end: int) -> Aggregate:
     tokens: list[bytes | None] = [None] * 12
     spans = [UNWRITTEN] * len(POSE_WORDS)
     seen: set[bytes] = set()
+    status = None
     at = body
     while at <= close:
         comma = raw.find(b",", at, close)
@@ -94,11 +114,13 @@ def read_aggregate(raw: bytes, start: int, end: int) -> Aggregate:
             tokens[place] = raw[span[0] : span[1]]
             if place < 6:
                 spans[place] = span
+        elif word == b"S":
+            status = raw[span[0] : span[1]]
         at = stop + 1
     is_axes = any(word in seen for word in AXIS_WORDS)
     if is_axes and any(word in seen for word in POSE_WORDS):
         raise Unreadable(body, "axis angles and a pose in one aggregate")
-    return Aggregate(tuple(tokens), tuple(spans), _first_byte(raw, body, close), close + 1, is_axes)
+    return Aggregate(tuple(tokens), tuple(spans), _first_byte(raw, body, close), close + 1, is_axes, status)
 
 
 def _word(raw: bytes, start: int, end: int, seen: set[bytes]) -> tuple[bytes, tuple[int, int]]:
@@ -114,7 +136,7 @@ def _word(raw: bytes, start: int, end: int, seen: set[bytes]) -> tuple[bytes, tu
         raise Unreadable(match.start(1), f"the word {name.decode()} twice")
     seen.add(name)
     if name in STATUS_WORDS:  # status and turn: bit patterns too; they are never changed
-        return name, UNWRITTEN
+        return name, span
     if name not in _PLACE and name not in AXIS_WORDS:
         raise Unreadable(match.start(1), f"the unknown word {name.decode('ascii', 'backslashreplace')!r}")
     if read_number(match[2]) is None:

@@ -12,7 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from toolpaths.conventions import Convention
-from toolpaths.program import EXTERNALS, NO_STATUS, FrameSetting, Program, ProgramBuilder, Refusal
+from toolpaths.program import NO_STATUS, FrameSetting, Program, Refusal
+from toolpaths.program_builder import EXTERNALS, ProgramBuilder
 
 # No digit can be shared between two parts of the pattern, so that a line that does not match fails at once.
 NUMBER = rb"[+-]?(?:\d{1,12}(?:\.\d{0,25})?|\.\d{1,25})(?:[eE][+-]?(?:0?\d|[12]\d|3[0-8]))?"

@@ -1,7 +1,7 @@
 """Waypoints as a CSV table: header ``x_mm, y_mm, z_mm, a_deg, b_deg, c_deg``, one pose a row, KUKA angles.
 
 Units are in the column names (``_m`` and ``_rad`` too); ``e1_mm`` .. ``e6_deg`` are external axes, ``kind`` the motion
-(LIN by default). Other columns, quotes, separators and line ends are kept as they are.
+(LIN by default), ``feed_mm_per_min`` the feed. Other columns, quotes, separators and line ends are kept as they are.
 """
 
 from __future__ import annotations
@@ -9,14 +9,16 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from drake_stiffness.errors import InputError
 from toolpaths.printed import NUMBER, read_number
-from toolpaths.program import UNWRITTEN, Program, ProgramBuilder
+from toolpaths.program import UNWRITTEN, Program
+from toolpaths.program_builder import ProgramBuilder
 
 LENGTH_UNITS = {"mm": 1.0, "m": 1000.0}
 ANGLE_UNITS = {"deg": 1.0, "rad": 180.0 / math.pi}
@@ -24,7 +26,7 @@ ANGLE_UNITS = {"deg": 1.0, "rad": 180.0 / math.pi}
 KINDS = {"LIN": True, "SLIN": True, "PTP": False, "SPTP": False, "RAPID": False}
 
 _HEADER = re.compile(rb"(?:\xef\xbb\xbf)?[^\r\n]*?\bx_m{1,2}\b[^\r\n]*", re.IGNORECASE)
-_COLUMN = re.compile(r"(?P<axis>[xyzabc]|e[1-6])_(?P<unit>[a-z]+)")
+COLUMN = re.compile(r"(?P<axis>[xyzabc]|e[1-6])_(?P<unit>[a-z]+)")
 
 
 @dataclass(frozen=True)
@@ -36,6 +38,7 @@ class _Layout:
     pose: tuple[int | None, ...]
     external: tuple[int | None, ...]
     kind: int | None
+    feed: int | None
     unit: tuple[float, ...]
     external_unit: tuple[float, ...]
 
@@ -61,21 +64,43 @@ class WaypointsCsv:
         InputError
             A missing, doubled or unknown-unit column; a cell that is no finite number; a row of another width; no rows.
         """
-        start = 3 if raw.startswith(b"\xef\xbb\xbf") else 0
-        end = _line_end(raw, start)
-        layout = _layout(raw[start:end].rstrip(b"\r"), path)
-        table = _Table(raw, path, layout)
-        number = 1
+        program = self._read(raw, path, None)[0]
+        if not len(program):
+            raise InputError(f"{path}: the table has a header and no rows; expected one waypoint a row")
+        return program
+
+    def cut(self, raw: bytes) -> int:
+        """Where the last place is at which a table may be cut in two: before its last line, for every row is whole."""
+        return raw.rfind(b"\n") + 1
+
+    def parse_piece(
+        self, raw: bytes, path: str, resume: object, others: Sequence[tuple[str, bytes]] = ()
+    ) -> tuple[Program, object]:
+        """Read a piece of a table that was cut at `cut`; `resume` is what the piece before handed on (None: the first)."""
+        return self._read(raw, path, resume)
+
+    def _read(self, raw: bytes, path: str, resume: Any) -> tuple[Program, object]:
+        if resume is None:
+            start = 3 if raw.startswith(b"\xef\xbb\xbf") else 0
+            end = _line_end(raw, start)
+            layout, number = _layout(raw[start:end].rstrip(b"\r"), path), 1
+            table = _Table(raw, path, layout)
+        else:
+            layout, number, before = resume
+            end = -1
+            table = _Table(raw, path, layout)
+            table.rows.values = list(before)
+            spans = [UNWRITTEN] * 6
+            table.rows.add(number, "LIN", "point", spans, -1, carries_force=False, refused=False)
         while end < len(raw):
             start, number = end + 1, number + 1
             end = _line_end(raw, start)
             if raw[start:end].strip():
                 table.read_row(number, start, end)
-        if not len(table.rows):
-            raise InputError(f"{path}: the table has a header and no rows; expected one waypoint a row")
+        handed = layout, number - raw.endswith(b"\n"), tuple(table.rows.values)
         program = table.rows.build(raw, self.name, path, np.array(layout.unit))
         program.external[:] *= np.array(layout.external_unit)
-        return program
+        return replace(program, resume=resume), handed
 
 
 class _Table:
@@ -84,7 +109,7 @@ class _Table:
     def __init__(self, raw: bytes, path: str, layout: _Layout) -> None:
         self.raw, self.path, self.layout = raw, path, layout
         self.rows = ProgramBuilder()
-        numbers = {column for column in (*layout.pose, *layout.external) if column is not None}
+        numbers = {column for column in (*layout.pose, *layout.external, layout.feed) if column is not None}
         # Every pattern can match a cell in one way only, so that a bad row fails at once.
         other = rb'(?:[ \t]*"([^"\r\n]*)"[ \t]*|([^"%s\r\n]*))' % layout.separator
         patterns = []
@@ -100,6 +125,7 @@ class _Table:
             group += 2
         self.pattern = re.compile(layout.separator.join(patterns) + rb"\r*")
         self.number_groups = [None if c is None else self.groups[c] for c in (*layout.pose, *layout.external)]
+        self.feed_group = None if layout.feed is None else self.groups[layout.feed]
 
     def read_row(self, line: int, start: int, end: int) -> None:
         match = self.pattern.fullmatch(self.raw, start, end)
@@ -112,6 +138,8 @@ class _Table:
         kind = self.kind_of(match, line)
         regs = match.regs
         spans = [UNWRITTEN if group is None else regs[group] for group in self.number_groups[:6]]
+        if self.feed_group is not None:
+            self.rows.feed_mm_per_min = float(match[self.feed_group])
         self.rows.update(tokens)
         self.rows.add(line, kind, "point", spans, -1, carries_force=KINDS[kind], refused=False)
 
@@ -135,8 +163,8 @@ class _Table:
         where = f"{self.path}: line {line}"
         if len(cells) != layout.width:
             return InputError(f"{where}: found {len(cells)} cells, expected {layout.width} as in the header")
-        names = [*"xyzabc", *(f"e{n}" for n in range(1, 7))]
-        for axis, column in zip(names, (*layout.pose, *layout.external), strict=True):
+        names = [*"xyzabc", *(f"e{n}" for n in range(1, 7)), "feed"]
+        for axis, column in zip(names, (*layout.pose, *layout.external, layout.feed), strict=True):
             if column is not None and read_number(cells[column].strip(b' \t"')) is None:
                 found = _shown(cells[column])
                 hint = " (decimals need a point)" if b"," in cells[column] else ""
@@ -151,7 +179,7 @@ def _layout(header: bytes, path: str) -> _Layout:
     names = [cell.strip(b' \t"').decode("utf-8", "replace").lower() for cell in _cells(header, separator)]
     places: dict[str, tuple[int, float]] = {}
     for column, name in enumerate(names):
-        match = _COLUMN.fullmatch(name)
+        match = COLUMN.fullmatch(name)
         if match is None:
             continue
         axis, unit = match["axis"], match["unit"]
@@ -178,6 +206,7 @@ def _layout(header: bytes, path: str) -> _Layout:
         pose=tuple(places.get(axis, (None, 1.0))[0] for axis in "xyzabc"),
         external=tuple(places.get(axis, (None, 1.0))[0] for axis in externals),
         kind=names.index("kind") if "kind" in names else None,
+        feed=names.index("feed_mm_per_min") if "feed_mm_per_min" in names else None,
         unit=tuple(places.get(axis, (None, 1.0))[1] for axis in "xyzabc"),
         external_unit=tuple(places.get(axis, (None, 1.0))[1] for axis in externals),
     )

@@ -1,0 +1,151 @@
+"""Which names do not stand: where a form does not fit its place, or stands in for something that the catalogue lacks."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from drake_stiffness.diagnosis.evidence import Tested, basis_of, left_over
+from drake_stiffness.diagnosis.generic import Process
+from drake_stiffness.diagnosis.naming import Remaining
+from drake_stiffness.diagnosis.outliers import Outlier
+from drake_stiffness.diagnosis.search import MOST_EFFECTS, Named, Search
+from drake_stiffness.diagnosis.strangers import Likeness, likeness, score, strangers
+from drake_stiffness.effects import Effect
+from drake_stiffness.effects.harmonics import JointPeriodicError
+
+# A form is wrong when its own place still explains this share of what it explained, and more than five sigma.
+_WRONG_FORM, _LEAST_REST = 0.35, 25.0
+# A form that the catalogue lacks does clearly better from this much of chi-square on; it is a hint below this probability.
+_CLEARLY, _HINT = 9.0, 1e-6
+_SURE = 0.0005  # of the 1 % that all of diagnosis may err by
+
+
+def stand_ins(found: Search, left_base: Remaining) -> tuple[dict[str, str], dict[str, str]]:
+    """Names that stand in for a form that the catalogue lacks: alone it explains more than all of them, or than one beside the others.
+
+    Nothing that cannot be told from a name may do as well as that form either: then the class holds the answer.
+
+    Returns
+    -------
+    withdrawn : dict of name to reason
+    as_good : dict of name to the form that does about as well; the name stands, with a warning
+    """
+    if not found.named:
+        return {}, {}
+    noise, forms = found.left.per_dof, strangers(left_base.scene)
+    all_of_them = float(left_base.r @ left_base.r) - float(found.left.r @ found.left.r)
+    names = [n.tested.suspect.name for n in found.named]
+    if len(names) > 1:
+        best = likeness(left_base, forms, noise)[0]
+        if best.score > all_of_them / noise - sum(_cost(found, n.tested) for n in found.named) + _CLEARLY:
+            return dict.fromkeys(names, _why(best, all_of_them, len(names))), {}
+    out: dict[str, str] = {}
+    as_good: dict[str, str] = {}
+    for n, name in zip(found.named, names, strict=True):
+        others = [m for m in found.named if m is not n]
+        best = likeness(without(left_base, others) if others else left_base, forms, noise)[0]
+        own = max(t.explained / noise - _cost(found, t) for t in (n.tested, *n.confounded))
+        if best.score > own + _CLEARLY:
+            out[name] = _why(best, n.tested.explained, 1)
+        elif best.score > own - _CLEARLY:
+            as_good[name] = best.what
+    return out, as_good
+
+
+def without(left: Remaining, named: Sequence[Named]) -> Remaining:
+    """What named effects leave, to first order."""
+    Q = basis_of(left_over(np.hstack([left.columns_of(n.effect) for n in named]), left.Q))
+    return replace(left, Q=np.hstack([left.Q, Q]), r=left.r - Q @ (Q.T @ left.r), dof=left.dof - Q.shape[1])
+
+
+def _cost(found: Search, t: Tested) -> float:
+    """Of an effect's freedom, the choice of its constants included."""
+    variants = next((len(s.variants) for s in found.tried if s.name == t.suspect.name), 1)
+    return -score(0.0, t.coefficient.size, variants, 1.0)
+
+
+def _why(best: Likeness, explained: float, names: int) -> str:
+    who = "it does" if names == 1 else "all names together do"
+    return (
+        f"stands in for something that the catalogue lacks: {best.what} explains more ({best.explained:.0f} squared sigma) than {who} "
+        f"({explained:.0f})"
+    )
+
+
+@dataclass(frozen=True)
+class Hint:
+    """A form that the catalogue lacks and that explains what is left.
+
+    Attributes
+    ----------
+    words : str
+        Empty where none does.
+    sure : bool
+        Whether noise does not look like any of these forms so much, all that were tried paid for.
+    """
+
+    words: str
+    sure: bool
+
+
+def hint(left: Remaining) -> Hint:
+    """What is left looks most like this."""
+    forms = strangers(left.scene)
+    best = likeness(left, forms, max(left.per_dof, 1.0))[0]
+    tried = sum(len(form.variants) for form in forms)
+    if best.p_value > _HINT:
+        return Hint("", False)
+    words = f"of forms that are no effect of the catalogue it looks most like this one: {best.what} ({np.sqrt(best.explained):.0f} sigma)"
+    return Hint(words, best.p_value * tried < _SURE)
+
+
+def sticks_out(left: Remaining, outlier: Outlier) -> bool:
+    """Whether what looks like an outlier is where something that the catalogue lacks shows most: few unknowns explain as much.
+
+    A flange that opens under a moment of one sign may open in a single step of a single posture.
+    """
+    m = left.scene.o.measurements
+    forms = strangers(left.scene)
+    best = likeness(left, forms, outlier.noise)[0].score - 2 * float(np.log(len(forms)))
+    places = 2 * (len(m.experiments) + m.cases.number)
+    return best > score(outlier.excess + outlier.unknowns, outlier.unknowns, places, 1.0)
+
+
+def own_rest(found: Search) -> list[Named]:
+    """Named effects whose place holds nothing else: where the search stopped at its most, what is left there may be what it did not name."""
+    if len(found.named) < MOST_EFFECTS:
+        return list(found.named)
+    more = {place for t in found.last.passed if t.gain > 0 for place in t.suspect.where.split("+")}
+    return [n for n in found.named if not more & set(n.effect.where.split("+"))]
+
+
+def wrong_forms(named: Sequence[Named], process: Process) -> dict[str, str]:
+    """Names that do not stand: where an effect was named, smooth functions of the same joint still explain much of the rest.
+
+    What the true form leaves is noise. A form that merely resembles the truth leaves a good part of it in the same place.
+    """
+    out = {}
+    for n in named:
+        driven_by = sorts(n.effect)
+        if isinstance(n.effect, JointPeriodicError):
+            continue  # what other harmonics of the same joint leave does not speak against this one
+        places = [p for p in dict.fromkeys(f.where for f in process.families) if p in n.effect.where.split("+")]
+        rest = sum(process.at(p, driven_by) for p in places)
+        if rest > max(_WRONG_FORM * n.tested.explained, _LEAST_REST * max(process.floor, 1.0)):
+            out[n.tested.suspect.name] = (
+                f"its form does not fit: with it in the model, smooth functions of the {' and '.join(sorted(driven_by))} of "
+                f"{', '.join(places)} still explain {100 * rest / n.tested.explained:.0f} % of what it explains"
+            )
+    return out
+
+
+def sorts(effect: Effect) -> set[str]:
+    """What drives an effect, in the terms of the generic families."""
+    if "time" in effect.needs:
+        return {"time"}
+    if "unloading" in effect.needs:
+        return {"branch", "load"}
+    return {"angle"} if "positions" in effect.needs else {"load"}

@@ -1,0 +1,110 @@
+"""Forms that the catalogue lacks: they take names away that stand in for them, and only those."""
+
+import numpy as np
+import pytest
+from hidden_campaigns import draw, run, table, with_physics, write
+from plants.creep import Creep
+from plants.friction import DahlFriction
+
+from drake_stiffness.diagnosis.diagnosis import diagnose
+from drake_stiffness.diagnosis.document import diagnosis_document
+from drake_stiffness.diagnosis.naming import remaining
+from drake_stiffness.diagnosis.signatures import Scene
+from drake_stiffness.diagnosis.strangers import crept, likeness, score, strangers
+from drake_stiffness.diagnosis.words import limits_in_words
+from drake_stiffness.effects import harmonics
+from drake_stiffness.effects.catalogue import make_effect
+from drake_stiffness.identification import identify
+from drake_stiffness.task import read_task
+
+POSTURES = 10
+
+
+@pytest.fixture(autouse=True)
+def few_harmonics(monkeypatch):
+    monkeypatch.setattr(harmonics, "HARMONICS", (1, 2, 3))
+
+
+@pytest.fixture(scope="module")
+def plan():
+    return draw(POSTURES, 5)
+
+
+def found(path):
+    d = diagnose(read_task(path), lambda text: None)
+    return d, diagnosis_document(d, {}, None)
+
+
+def test_creep_is_not_called_friction_even_where_all_steps_take_as_long(tmp_path, plan):
+    """25 s a step throughout: time says nothing that the order of steps does not."""
+    creeping = run(plan, with_physics(Creep(1, 0.015e-6, 40.0)))
+    _, document = found(write(tmp_path, table(creeping, 2)))
+    assert document["verdict"] == "unexplained"
+    assert document["effects"] == []
+    withdrawn = {(r["kind"], r["where"]): r["why"] for r in document["rejected"]}
+    assert "creep in joint_2" in withdrawn["joint_hysteresis", "joint_2"]
+    assert "creep in joint_2" in document["where_in_words"]["after"]
+    assert all(np.isfinite(limit["rms_um"]) for limit in document["not_detectable_above"])
+
+
+def test_friction_that_develops_keeps_its_name(tmp_path, plan):
+    """Dahl's friction is no play operator either, but nothing outside the catalogue resembles it more."""
+    rubbing = run(plan, with_physics(DahlFriction(1, 0.05e-6, 400.0, steepness=10.0)))
+    d, document = found(write(tmp_path, table(rubbing, 2)))
+    assert [(e["kind"], e["where"]) for e in document["effects"]] == [("joint_hysteresis", "joint_2")]
+    assert document["verdict"] == "explained"
+    assert d.withdrawn == {}
+
+
+def test_a_kelvin_element_follows_with_its_time(tmp_path, plan):
+    """Against the plant's own, which goes step by step."""
+    task = read_task(write(tmp_path, table(run(plan), 2)))
+    scene = Scene(task.model, task.observations())
+    c = scene.cases
+    tau = np.random.default_rng(0).normal(size=c.number)
+    elapsed = np.where(c.step > 0, np.diff(c.time_s, prepend=0.0), 0.0)
+    ours = crept(tau, elapsed, scene, 40.0)
+    from plants.course import Course
+
+    course = Course(c.experiment, c.step, c.time_s)
+    torque = np.zeros((6, c.number))
+    torque[1] = tau
+    theirs = Creep(1, 1.0, 40.0).turn(torque, np.zeros((c.number, 6)), course)[1]
+    np.testing.assert_allclose(ours, theirs, atol=1e-12)
+
+
+def test_noise_resembles_no_form(tmp_path, plan):
+    task = read_task(write(tmp_path, table(run(plan), 2)))
+    solution = identify(task.model, task.observations(), "sdp")
+    scene = Scene(solution.model, task.observations())
+    left = remaining(scene, solution.residual, solution.identifiability.seen)
+    best = likeness(left, strangers(scene), left.per_dof)[0]
+    assert best.p_value > 1e-5
+    assert score(30.0, 3, 10, 2.0) == pytest.approx(15.0 - 6.0 - 2 * np.log(10))
+
+
+def test_limits_are_said_a_line_a_kind():
+    limits = [
+        {"kind": "joint_backlash", "where": w, "rms_um": r, "parameter": "width", "value": v, "unit": "rad"}
+        for w, r, v in (("joint_2", 3.04, 2.0e-5), ("joint_1", 1.5, 1e-5))
+    ]
+    (line,) = limits_in_words(limits)
+    assert "joint_backlash" in line
+    assert line.index("1.5 um rms at joint_1") < line.index("3 um rms at joint_2")
+    assert "mrad" in line
+
+
+def test_a_turn_of_a_joint_moves_what_the_others_carry(tmp_path, plan):
+    """Signatures against what the effect really does in the loaded equilibrium: a compensator stiff enough to shift the posture."""
+    from drake_stiffness.diagnosis.signatures import extended, signature
+    from drake_stiffness.observation import predicted
+
+    task = read_task(write(tmp_path, table(run(plan), 2)))
+    solution = identify(task.model, task.observations(), "sdp")
+    scene = Scene(solution.model, task.observations())
+    effect = make_effect("gravity_compensator", "joint_2", {"anchor_m": [0.5, 0.1], "lever_m": 0.15})
+    x = np.array([1e5, 5e4])
+    S = signature(scene, effect) @ (x / [p.scale for p in effect.parameters])
+    true = predicted(scene.o, extended(solution.model, effect, x)) - predicted(scene.o, solution.model)
+    # A few per cent are left to second order.
+    assert np.linalg.norm(S - true) < 0.05 * np.linalg.norm(true)

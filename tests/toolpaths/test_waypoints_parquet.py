@@ -1,0 +1,98 @@
+"""Parquet tables of waypoints: the same promises as of text, and everything that is no pose is kept."""
+
+import io
+import sys
+
+import numpy as np
+import pytest
+
+from drake_stiffness.errors import InputError
+from toolpaths.formats import files_of, read_again, read_program
+from toolpaths.rewriting import rewrite
+
+pyarrow = pytest.importorskip("pyarrow", reason="pyarrow is optional (extra 'parquet')")
+parquet = pytest.importorskip("pyarrow.parquet")
+
+
+def table(**changes):
+    columns = {
+        "name": pyarrow.array(["a", None, "c,\nd"]),
+        "x_mm": pyarrow.array([1.0, 2.0000000004, 1 / 3]),
+        "y_mm": pyarrow.array([0.5, -0.0, 7.0]),
+        "z_m": pyarrow.array([0.001, 0.002, 0.003], pyarrow.float32()),
+        "a_deg": pyarrow.array([0.0, 0.0, 0.0]),
+        "b_deg": pyarrow.array([90.0, 90.0, 90.0]),
+        "c_deg": pyarrow.array([180.0, -180.0, 170.0]),
+        "kind": pyarrow.array(["LIN", "PTP", "LIN"]).dictionary_encode(),
+        "count": pyarrow.array([3, None, 5], pyarrow.int64()),
+        "feed_mm_per_min": pyarrow.array([600.0, 600.0, 1200.0]),
+        **changes,
+    }
+    return pyarrow.table(columns).replace_schema_metadata({b"made by": b"a test"})
+
+
+@pytest.fixture
+def saved(tmp_path):
+    def save(content):
+        path = tmp_path / "points.parquet"
+        parquet.write_table(content, path, compression="gzip")
+        return path
+
+    return save
+
+
+def moved(program, by):
+    return rewrite(program, program.position_mm + by, program.orientation, np.ones(len(program), bool)).parts
+
+
+def test_zero_correction_is_the_same_file(saved):
+    path = saved(table())
+    program = read_program(path)
+    assert program.dialect == "parquet"
+    assert files_of(program, moved(program, 0.0)) == (path.read_bytes(),)
+    np.testing.assert_allclose(program.position_mm[:, 2], [1, 2, 3], atol=1e-6)
+    np.testing.assert_allclose(program.feed_mm_per_min, [600, 600, 1200])
+
+
+def test_only_cells_of_corrected_poses_change(saved):
+    program = read_program(saved(table()))
+    parts = moved(program, (0.25, 0.0, 0.5))
+    (raw,) = files_of(program, parts)
+    out = parquet.read_table(io.BytesIO(raw))
+    before = table()
+    assert out.schema.metadata == before.schema.metadata
+    assert out.schema.types == before.schema.types
+    for name in before.column_names:
+        if name not in ("x_mm", "z_m"):
+            assert out[name].equals(before[name].cast(out[name].type)), name
+    assert out["x_mm"][1].as_py() == 2.0000000004  # a point-to-point move, to the last bit
+    np.testing.assert_allclose(out["x_mm"].to_numpy(), [1.25, 2.0000000004, 1 / 3 + 0.25], atol=1e-9)
+    np.testing.assert_allclose(out["z_m"].to_numpy(), [0.0015, 0.002, 0.0035], atol=1e-6)
+    assert parquet.ParquetFile(io.BytesIO(raw)).metadata.row_group(0).column(0).compression == "GZIP"
+    np.testing.assert_allclose(read_again(program, parts).position_mm[0], [1.25, 0.5, 1.5], atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("change", "word"),
+    [
+        ({"x_mm": [1, 2, 3]}, "type int64"),
+        ({"x_mm": [1.0, None, 3.0]}, "line 3.*finite"),
+        ({"z_m": [0.0, float("inf"), 1.0]}, "line 3"),
+        ({"kind": ["LIN", "CIRC", "LIN"]}, "CIRC"),
+        ({"c_deg": ["1", "2", "3"]}, "type string"),
+    ],
+)
+def test_what_is_no_waypoint_is_named(saved, change, word):
+    changed = {name: pyarrow.array(values) for name, values in change.items()}
+    with pytest.raises(InputError, match=word):
+        read_program(saved(table(**changed)))
+
+
+def test_a_damaged_file_and_a_missing_package_are_said(saved, monkeypatch):
+    path = saved(table())
+    path.write_bytes(path.read_bytes()[:-9])
+    with pytest.raises(InputError, match="cannot be read"):
+        read_program(path)
+    monkeypatch.setitem(sys.modules, "pyarrow", None)
+    with pytest.raises(InputError, match=r"pip install 'drake-stiffness\[parquet\]'"):
+        read_program(path)
