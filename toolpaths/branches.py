@@ -52,9 +52,8 @@ def continuous(
     # A flip that falls on a row without solution is one of the next row that has one.
     turned = np.zeros((3, rows.size), dtype=bool)
     if flips is not None and flips.any():
-        np.logical_xor.at(
-            turned, (slice(None), np.searchsorted(rows, np.arange(rows[-1] + 1))), flips[:, : rows[-1] + 1]
-        )
+        for row in np.flatnonzero(flips[:, : rows[-1] + 1].any(axis=0)).tolist():
+            turned[:, np.searchsorted(rows, row)] ^= flips[:, row]
     given = branches[:, :, rows]
     first = _first(given[:, :, 0], start, lower, upper)
     chosen = _follow(given, first, None if sides is None else sides[:, :, rows], turned)

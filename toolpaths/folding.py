@@ -28,6 +28,15 @@ def tallied(values: Floats) -> dict[str, Any]:
     return {_TALLY: Tally.of(values)}
 
 
+def give_bins(first: dict[str, Any], later: dict[str, Any]) -> None:
+    """Let the tallies of the first piece hold the bins of a later one: they are what takes room."""
+    for key, value in list(later.items()):
+        if isinstance(value, Tally):
+            later[key] = value.give_bins(first[key])
+        elif isinstance(value, dict):
+            give_bins(first[key], value)
+
+
 def thinned(result: Compensation, most: int) -> Compensation:
     """A piece with every so-and-so-many-th point only, the ends and the largest values among them; without its bytes."""
     N = result.rows.size

@@ -27,7 +27,7 @@ from numpy.typing import NDArray
 from drake_stiffness.errors import InputError
 from drake_stiffness.model import Model
 from toolpaths.compensation import bench_of
-from toolpaths.folding import KEPT, LongCompensation, folded, rows_of, tallied, thinned
+from toolpaths.folding import KEPT, LongCompensation, folded, give_bins, rows_of, tallied, thinned
 from toolpaths.forces import ForceRows
 from toolpaths.formats import read_program
 from toolpaths.formats.krl_motions import NeedsWhole
@@ -156,6 +156,8 @@ class _Job:
                 self.last = done.last
                 results.append(done.result)
                 facts.append(done.facts)
+                if len(facts) > 1:
+                    give_bins(facts[0], facts[-1])
             else:
                 left += program.refusals
                 notes += [f"line {note.line}: {note.reason}" for note in program.notes]

@@ -211,7 +211,7 @@ def _stand(
         q = base
         # Places are not a path: each takes the turn nearest to the posture.
         q[free] = _nearest(branches, start[free], arm.lower[free], arm.upper[free])
-        reached = np.isfinite(q[free]).all(axis=0)
+        reached = np.asarray(np.isfinite(q[free]).all(axis=0))
     q = np.where(reached, q, 0.0)
     state = np.full(len(p), SOUND, dtype="<U14")
     state[singularity_margin(arm, q) < SINGULAR_BELOW] = SINGULAR

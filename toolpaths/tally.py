@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,7 +36,8 @@ class Tally:
     count, total, square, largest
         Of the finite ones: how many, sum, sum of squares, largest.
     bins
-        (B,) how many in every bin of the logarithm; the first bin holds what is smaller than all.
+        (B,) how many in every bin of the logarithm; the first bin holds what is smaller than all. None where another tally
+        has taken them over (`give_bins`).
     """
 
     count: int
@@ -66,8 +67,13 @@ class Tally:
             self.total + other.total,
             self.square + other.square,
             max(self.largest, other.largest),
-            self.bins + other.bins,
+            self.bins + other.bins if self.bins.size and other.bins.size else max(self.bins, other.bins, key=len),
         )
+
+    def give_bins(self, other: Tally) -> Tally:
+        """This tally without its bins, which another one adds to its own: of many tallies one is enough to hold them."""
+        other.bins[:] += self.bins
+        return replace(self, bins=np.zeros(0, dtype=np.int64))
 
     @property
     def mean(self) -> float:

@@ -10,6 +10,7 @@ B's values, geometry is fitted to a half of C as if it had never been otherwise,
 from __future__ import annotations
 
 import argparse
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -18,7 +19,9 @@ from rich.console import Console
 from rich.table import Table
 
 from drake_stiffness.diagnosis.job import Diagnosed, diagnose_campaign
+from drake_stiffness.diagnosis.signatures import extended
 from drake_stiffness.diagnosis.words import show_diagnosis
+from drake_stiffness.effects import Effect
 from drake_stiffness.identification import identify
 from drake_stiffness.model import Model
 from drake_stiffness.observation import residual_m, restrict
@@ -35,18 +38,23 @@ def moved_by(model: Model, kept: list[bool], task: Task) -> np.ndarray:
     return np.asarray((ends[0] - ends[1]).T)
 
 
-def geometry(task: Task, taken_off: np.ndarray | float = 0.0) -> tuple[Model, float]:
-    """Geometry fitted to one half, and its 3-D RMS on the other, mm."""
+def geometry(task: Task, taken_off: np.ndarray | float = 0.0, further: Sequence[Effect] = ()) -> tuple[Model, float]:
+    """Geometry and further effects fitted to one half, and the 3-D RMS on the other, mm."""
     m = task.measurements
     assert m.position is not None
     task = replace(task, measurements=replace(m, position=m.position - taken_off))
     fit = identify(starting_model(task.model, restrict(task.measurements, ~task.held)), task.observations(~task.held))
+    if further:
+        model = fit.model
+        for effect in further:
+            model = extended(model, effect)
+        fit = identify(model, task.observations(~task.held))
     r = residual_m(task.observations(task.held), fit.model)
     return fit.model, float(np.sqrt((r**2).sum(axis=0).mean())) * 1e3
 
 
 def transfer(found: Diagnosed, task: Task) -> list[tuple[str, float]]:
-    """Held-out RMS on another series: geometry alone, with everything named on the first, with each of it."""
+    """Held-out RMS on another series: geometry alone, with what was named on the first and its values, with its form and own values."""
     named = [n.effect for n in found.diagnosis.search.named]
     own, rms = geometry(task)
     rows = [("geometry alone", rms)]
@@ -58,6 +66,8 @@ def transfer(found: Diagnosed, task: Task) -> list[tuple[str, float]]:
     for label, effects in wanted:
         kept = [e not in effects for e in model.effects]
         rows.append((label, geometry(task, moved_by(model, kept, task))[1]))
+    form = [e for e in named if e.kind in ("joint_compliance", "joint_periodic_error")]
+    rows.append(("compliance and harmonics of B, values of its own", geometry(task, further=form)[1]))
     return rows
 
 
@@ -82,7 +92,7 @@ def main() -> None:
     if arguments.svg:
         from figure import draw
 
-        draw(found, rows, arguments.svg)
+        draw(found.task, found.diagnosis.search.base.model, found.model, rows, arguments.svg)
 
 
 if __name__ == "__main__":

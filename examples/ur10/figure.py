@@ -6,19 +6,19 @@ from pathlib import Path
 
 import numpy as np
 
-from drake_stiffness.diagnosis.job import Diagnosed
 from drake_stiffness.diagnosis.signatures import Scene
-from drake_stiffness.identification import Solution
+from drake_stiffness.model import Model
+from drake_stiffness.observation import residual_m
+from drake_stiffness.task import Task
 
 _BINS = 36
 
 
-def turn_urad(found: Diagnosed, solution: Solution, joint: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def turn_urad(task: Task, model: Model, joint: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Mean turn of a joint that would explain the residuals, its standard error (urad), over bins of its angle (deg)."""
-    scene = Scene(solution.model, found.diagnosis.observations)
-    m = scene.o.measurements
-    J = scene.joint_columns[joint][:3].T
-    r = solution.residual[: 3 * m.case.size].reshape(-1, 3) * scene.o.sigma_p
+    o = task.observations(task.held)
+    m = o.measurements
+    J, r = Scene(model, o).joint_columns[joint][:3].T, residual_m(o, model).T
     turn = (J * r).sum(axis=1) / np.maximum((J**2).sum(axis=1), 1e-9) * 1e6
     weight = (J**2).sum(axis=1)
     q = np.degrees(m.cases.q[joint, m.case])
@@ -30,22 +30,19 @@ def turn_urad(found: Diagnosed, solution: Solution, joint: int) -> tuple[np.ndar
     return (edges[1:] + edges[:-1]) / 2, np.where(total > 0, mean, np.nan), np.sqrt(spread) / np.maximum(total, 1e-12)
 
 
-def draw(found: Diagnosed, rows: list[tuple[str, float]], path: Path) -> None:
-    """Three joints' residuals over their angle, and the other series' held-out RMS as bars."""
+def draw(task: Task, before: Model, after: Model, rows: list[tuple[str, float]], path: Path) -> None:
+    """Three joints' held-out residuals over their angle, and the other series' held-out RMS as bars."""
     import matplotlib
 
     matplotlib.use("svg")
     matplotlib.rcParams["svg.hashsalt"] = "ur10"
     import matplotlib.pyplot as plt
 
-    names = found.model.arm.joint_names
+    names = after.arm.joint_names
     fig, axes = plt.subplots(2, 2, figsize=(10, 6.5), layout="constrained")
     for ax, joint in zip(axes.flat, range(3), strict=False):
-        for solution, color, label in (
-            (found.diagnosis.search.base, "0.6", "geometry alone"),
-            (found.diagnosis.search.solution, "tab:blue", "with what was named"),
-        ):
-            angle, mean, error = turn_urad(found, solution, joint)
+        for model, color, label in ((before, "0.6", "geometry alone"), (after, "tab:blue", "with what was named")):
+            angle, mean, error = turn_urad(task, model, joint)
             ax.errorbar(angle, mean, error, fmt=".-", color=color, linewidth=0.8, label=label)
         ax.axhline(0.0, color="black", linewidth=0.5)
         ax.set(title=names[joint], xlabel="angle, deg", ylabel="turn that residuals ask for, urad")

@@ -21,8 +21,8 @@ from drake_stiffness.report.diagnosis import answer, diagnosis_report  # noqa: E
 from drake_stiffness.report.diagnosis_arm import residual_arrows  # noqa: E402
 from drake_stiffness.report.diagnosis_evidence import next_section  # noqa: E402
 from drake_stiffness.report.diagnosis_scene import scene_html  # noqa: E402
-from drake_stiffness.report.solids import arrow  # noqa: E402
 from drake_stiffness.report.diagnosis_shape import shapes, without_effect  # noqa: E402
+from drake_stiffness.report.solids import arrow  # noqa: E402
 
 HIDDEN = ROOT / "examples" / "kr270_hidden"
 

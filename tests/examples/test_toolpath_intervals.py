@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 sys.path.append(str(Path(__file__).parents[2] / "examples" / "toolpath_intervals"))
-import interval_coverage as coverage  # noqa: E402
+import interval_coverage as coverage
 
 PAGE = Path(__file__).parents[2] / "docs" / "compensation.md"
 

@@ -58,6 +58,45 @@ def test_ordinary_lines_read_the_same_by_the_general_reader(monkeypatch):
     assert quick.refusals == general.refusals
 
 
+@pytest.mark.parametrize(
+    "odd",
+    [
+        b"LIN {X 9.5,Y 0,Z 3.25,A -0.0,B +7.5,C .5,E1 4.5} C_DIS\r\n",
+        b"LIN {X 9.5,Y 0,Z 3.25,A -0.0,B +7.5,C .5,E2 4.5} C_DIS ;1\r\n",
+        b"LIN {X 9.5,Y 0,Z 3.25,A -0.0,B +7.5,C .5,E1 4.5} C_DIS ;2\r\n",
+        b"LIN {X9.5,Y 0,Z 3.25,A -0.0,B +7.5,C .5,E1 4.5} C_DIS ;1\r\n",
+        b"LIN {X 9.5,Y 0,Z 3.2.5,A -0.0,B +7.5,C .5,E1 4.5} C_DIS ;1\r\n",
+        b"LIN {X 9.5,Y 0,Z 3-2,A -0.0,B +7.5,C .5,E1 4.5} C_DIS ;1\r\n",
+        b"LIN {X 9.5,Y 0,Z .,A -0.0,B +7.5,C .5,E1 4.5} C_DIS ;1\r\n",
+        b"LIN {X 9.5,Y 0,Z 12345678901.0,A -0.0,B +7.5,C .5,E1 4.5} C_DIS ;1\r\n",
+        b"LIN {X 9.5,Y 0,Z 0.12345678901234567,A -0.0,B +7.5,C .5,E1 4.5} C_DIS ;1\r\n",
+        b"PTP {X 9.5,Y 0,Z 3.25,A -0.0,B +7.5,C .5,E1 4.5} C_DIS ;1\r\n",
+        b"lin {X 9.5,Y 0,Z 3.25,A -0.0,B +7.5,C .5,E1 4.5} C_DIS ;1\r\n",
+        b"LIN {X 9.5,Y 0,Z ,A 3.25 -0.0,B +7.5,C .5,E1 4.5} C_DIS ;1\r\n",
+        b"$VEL.CP=0.5\r\n",
+        b"",
+    ],
+)
+def test_many_lines_read_at_once_are_the_lines_one_by_one(monkeypatch, odd):
+    def block(first, count):
+        return b"".join(
+            b"LIN {X %d.%d,Y -%d,Z %d.,A -0.000,B +7.%d,C .5%d,E1 %d.5} C_DIS ;1\r\n" % ((i,) * 7)
+            for i in range(first, first + count)
+        )
+
+    raw = block(0, 30) + odd + block(30, 40) + odd + b"LIN {X 3}\r\n" + block(70, 3)
+    quick = parse(raw)
+    monkeypatch.setattr(krl._Reader, "alike", lambda self, at, groups, regs: regs[0][1])
+    slow = parse(raw)
+    for name in ("line", "kind", "role", "position_mm", "orientation", "external", "span", "source", "body", "refused"):
+        np.testing.assert_array_equal(getattr(quick, name), getattr(slow, name), err_msg=name)
+    for name in ("carries_force", "follows", "feed_mm_per_min", "status"):
+        np.testing.assert_array_equal(getattr(quick, name), getattr(slow, name), err_msg=name)
+    assert quick.refusals == slow.refusals
+    assert quick.notes == slow.notes
+    assert np.signbit(quick.orientation[0, 0])  # -0.000 too
+
+
 def test_words_not_written_keep_their_value():
     program = parse(FULL + b"LIN {Z 5}\nLIN {A 11, E1 4}\nLIN {X 2}\n")
     np.testing.assert_array_equal(program.position_mm, [[1, 2, 3], [1, 2, 5], [1, 2, 5], [2, 2, 5]])
@@ -214,7 +253,7 @@ def test_the_dialect_comes_from_content_and_can_be_overridden(tmp_path):
     assert read_program(path).dialect == "krl"
     with pytest.raises(InputError, match="missing column"):
         read_program(path, dialect="csv")
-    with pytest.raises(InputError, match="expected one of: .*krl"):
+    with pytest.raises(InputError, match=r"expected one of: .*krl"):
         read_program(path, dialect="heidenhain")
 
 
