@@ -49,9 +49,7 @@ def draw(task: Task, before: Model, after: Model, rows: list[tuple[str, float]],
     axes[0, 0].legend(fontsize="small")
     labels, rms = zip(*rows, strict=True)
     axes[1, 1].barh(labels, rms, color="tab:blue")
-    axes[1, 1].set(
-        title="the other series, held-out half", xlabel="3-D RMS, mm", xlim=(0.95 * min(rms), 1.01 * max(rms))
-    )
+    axes[1, 1].set(title="the other series, held-out half", xlabel="3-D RMS, mm", xlim=(0.0, 1.05 * max(rms)))
     axes[1, 1].tick_params(axis="y", labelsize="small")
     axes[1, 1].invert_yaxis()
     fig.savefig(path, metadata={"Date": None})
