@@ -57,7 +57,8 @@ def time_compensate(folder: Path) -> dict[str, Any]:
     """Seconds by stage of the library's own functions on the first piece."""
     start = time.perf_counter()
     from drake_stiffness.model import load_model
-    from toolpaths import account, job, loaded_path, printing
+    from toolpaths import job, loaded_path, printing
+    from toolpaths.account import account
     from toolpaths.formats.pieces import pieces
     from toolpaths.process import read_process
 

@@ -10,16 +10,16 @@ from numpy.typing import NDArray
 
 from drake_stiffness.errors import NoEquilibriumError, UntrustworthyError
 from drake_stiffness.model import Model
-from toolpaths.account import account_of
-from toolpaths.causes import causes_of
-from toolpaths.closed_loop import Learnt, learn
+from toolpaths.account.account import account_of
+from toolpaths.account.causes import causes_of
+from toolpaths.account.notes import notes_of
 from toolpaths.compensation import Corrected, mirror
 from toolpaths.linear import LOOKED_AT
 from toolpaths.loaded_path import LoadedPath, SpinChoice, loaded_path
-from toolpaths.notes import notes_of
 from toolpaths.preflight import check_cell, check_deflection, check_force
 from toolpaths.printing import read_back, write_poses
-from toolpaths.probe import CutWith, Probe
+from toolpaths.probing.closed_loop import Learnt, learn
+from toolpaths.probing.probe import CutWith, Probe
 from toolpaths.process import Process, check_frames, check_model, posture
 from toolpaths.program import Program, quantum_mm
 from toolpaths.refusals import check_result, check_support, refuse

@@ -26,8 +26,8 @@ from numpy.typing import NDArray
 
 from drake_stiffness.errors import InputError
 from drake_stiffness.model import Model
+from toolpaths.account.folding import KEPT, LongCompensation, folded, give_bins, rows_of, tallied, thinned
 from toolpaths.compensation import bench_of
-from toolpaths.folding import KEPT, LongCompensation, folded, give_bins, rows_of, tallied, thinned
 from toolpaths.forces import ForceRows
 from toolpaths.formats import read_program
 from toolpaths.formats.krl_motions import NeedsWhole

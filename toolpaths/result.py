@@ -11,16 +11,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from toolpaths.account import Account
-from toolpaths.closed_loop import Learnt
+from toolpaths.account.account import Account
+from toolpaths.account.residual import LEVEL
+from toolpaths.account.tally import summary_of
 from toolpaths.formats import files_of
 from toolpaths.loaded_path import LoadedPath
+from toolpaths.probing.closed_loop import Learnt
 from toolpaths.process import Process
 from toolpaths.program import Program, Refusal
-from toolpaths.residual import LEVEL
 from toolpaths.rewriting import Insertion
 from toolpaths.spin import Spin
-from toolpaths.tally import summary_of
 
 Floats = NDArray[np.float64]
 

@@ -78,12 +78,12 @@ def compensate(
     """Correct a milling program; needs neither Drake nor cvxpy (but for --scene)."""
     from drake_stiffness import text
     from drake_stiffness.model import load_model
+    from toolpaths.account.points_table import points_csv
     from toolpaths.formats import naming_notes, read_program
     from toolpaths.job import compensate as run
     from toolpaths.linearise import linearise as linearised
     from toolpaths.long_programs import compensate_file
-    from toolpaths.points_table import points_csv
-    from toolpaths.probe import read_probe
+    from toolpaths.probing.probe import read_probe
     from toolpaths.process import read_process
 
     if spin not in ("keep", "stiffest"):
@@ -146,7 +146,7 @@ def compensate(
         space = scene_html(result, loaded)
     passed_on: list[tuple[Path, str]] = []
     if handover is not None and result.learnt is not None:
-        from toolpaths.handover import campaign_files
+        from toolpaths.probing.handover import campaign_files
 
         files = campaign_files(loaded, job, result.path, result.learnt)
         passed_on = [(handover / name, content) for name, content in files.items()]

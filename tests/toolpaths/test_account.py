@@ -12,11 +12,11 @@ import pytest
 from drake_stiffness.errors import InputError, UntrustworthyError
 from drake_stiffness.model import Statistics
 from toolpaths import job
+from toolpaths.account.evenness import evenness
+from toolpaths.account.points_table import COLUMNS, points_csv
+from toolpaths.account.residual import length_interval
 from toolpaths.compensation import bench_of, deviation, mirror
-from toolpaths.evenness import evenness
-from toolpaths.points_table import COLUMNS, points_csv
 from toolpaths.process import Process
-from toolpaths.residual import length_interval
 
 POSE = "A 0.0000,B 0.0000,C 180.0000"
 

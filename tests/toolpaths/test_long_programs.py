@@ -9,12 +9,12 @@ from hypothesis import strategies as st
 
 from drake_stiffness.errors import InputError
 from drake_stiffness.files import write_together
-from toolpaths.folding import fold_notes
+from toolpaths.account.folding import fold_notes
+from toolpaths.account.tally import Tally, summary_of
 from toolpaths.formats import read_program
 from toolpaths.formats.pieces import pieces
 from toolpaths.job import compensate
 from toolpaths.long_programs import _Job, compensate_file
-from toolpaths.tally import Tally, summary_of
 
 SIZE = 1500
 HEAD = "DEF long( )\r\n$BASE = BASE_DATA[1]\r\n$VEL.CP=0.05\r\nPTP HOME\r\n"

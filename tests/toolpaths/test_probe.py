@@ -11,9 +11,9 @@ import pytest
 
 from drake_stiffness.errors import InputError
 from toolpaths import job
-from toolpaths.handover import campaign_files
-from toolpaths.path_places import places_on_path
-from toolpaths.probe import read_probe
+from toolpaths.probing.handover import campaign_files
+from toolpaths.probing.path_places import places_on_path
+from toolpaths.probing.probe import read_probe
 
 SHIFT = np.array([0.12, -0.07, 0.04])
 NOISE = 0.004

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from drake_stiffness.model import Model
 from drake_stiffness.support import WARN_ABOVE
-from toolpaths.account import Account
+from toolpaths.account.account import Account
 from toolpaths.loaded_path import LoadedPath
 from toolpaths.preflight import controller_notes
 from toolpaths.process import Process

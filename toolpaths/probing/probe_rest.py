@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from toolpaths.probe import Probe
+from toolpaths.probing.probe import Probe
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int_]

@@ -22,9 +22,9 @@ from numpy.typing import NDArray
 from drake_stiffness.errors import InputError
 from toolpaths.history import begins
 from toolpaths.loaded_path import LoadedPath
-from toolpaths.path_places import Places, places_on_path
-from toolpaths.probe import CutWith, Probe
-from toolpaths.probe_rest import fit, near_rest, nearest_other, neighbours_agree, noise_of
+from toolpaths.probing.path_places import Places, places_on_path
+from toolpaths.probing.probe import CutWith, Probe
+from toolpaths.probing.probe_rest import fit, near_rest, nearest_other, neighbours_agree, noise_of
 from toolpaths.process import Process
 from toolpaths.program import Program
 

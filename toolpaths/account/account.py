@@ -9,14 +9,14 @@ from numpy.typing import NDArray
 
 from drake_stiffness.effects.compliance import LinkCompliance
 from drake_stiffness.model import Model
-from toolpaths.causes import Causes, causes_of
-from toolpaths.evenness import Evenness, Reserve, evenness, reserve
+from toolpaths.account.causes import Causes, causes_of
+from toolpaths.account.evenness import Evenness, Reserve, evenness, reserve
+from toolpaths.account.residual import Interval, residual_interval
+from toolpaths.account.turning_points import Turning, turning_points
 from toolpaths.history import begins
 from toolpaths.loaded_path import LoadedPath
 from toolpaths.process import Process
 from toolpaths.program import Program, quantum_mm
-from toolpaths.residual import Interval, residual_interval
-from toolpaths.turning_points import Turning, turning_points
 
 Floats = NDArray[np.float64]
 

@@ -15,8 +15,8 @@ import yaml
 
 from drake_stiffness.errors import InputError
 from drake_stiffness.model import Model
-from toolpaths.closed_loop import Learnt
 from toolpaths.loaded_path import LoadedPath
+from toolpaths.probing.closed_loop import Learnt
 from toolpaths.process import Process
 
 POINT = "TCP"

@@ -11,9 +11,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from toolpaths.account.tally import Tally
 from toolpaths.program import Program
 from toolpaths.result import Compensation
-from toolpaths.tally import Tally
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int_]
