@@ -658,7 +658,6 @@ def test_a_model_of_the_same_cell_with_other_springs_is_accepted(job):
         ("LIN {X a+1,Y 20.0,Z -14.0,A 0.0,B -5.0,C 164.0}", ["a\\+1", "literal"]),
         ("LIN_REL {X 10}", ["relative"]),
         ("CIRC {X 1,Y 2},P5", ["P5|known"]),
-        ("SPL {X 30,Y 20,Z -14,A 0,B -5,C 164}", ["SPL"]),
         ("LIN {X 1.2.3,Y 2}", ["1.2.3"]),
         ("LIN {X 38.182,Y 20.000", ["not closed"]),
         ("IF x THEN LIN {X 1} ENDIF", ["motion inside another statement"]),

@@ -125,10 +125,10 @@ def test_the_feed_is_not_known_after_a_move_in_joint_space(folder, run):
     program(folder, [first, second])
     code, said = run(*COMPENSATE)
     assert code == 0, said
-    program(folder, [first, "PTP {A1 0,A2 -70,A3 120,A4 0,A5 -50,A6 0}", second])
+    program(folder, [first, second, "PTP {A1 0,A2 -70,A3 120,A4 0,A5 -50,A6 0}", second])
     code, said = run(*COMPENSATE)
     assert code == 2
-    assert "line 4" in said
+    assert "line 5" in said
     assert "path axes" in said
 
 

@@ -220,7 +220,8 @@ def _solve(problem: Any, accepted: float = 1e-6) -> Literal["solved", "infeasibl
     import cvxpy as cp
 
     reduced = dict.fromkeys(("reduced_tol_gap_abs", "reduced_tol_gap_rel", "reduced_tol_feas"), accepted)
-    for tolerance in (1e-8, accepted):
+    # Where long steps end in rounding, shorter ones reach the same tolerance.
+    for tolerance, step in ((1e-8, 0.99), (1e-8, 0.95), (1e-8, 0.9), (accepted, 0.95)):
         try:
             with warnings.catch_warnings():
                 # Clarabel ends a little short of a tight tolerance at times and cvxpy warns; the status says the same.
@@ -231,6 +232,7 @@ def _solve(problem: Any, accepted: float = 1e-6) -> Literal["solved", "infeasibl
                     tol_gap_rel=tolerance,
                     tol_feas=tolerance,
                     max_iter=300,
+                    max_step_fraction=step,
                     **reduced,
                 )
         except cp.error.SolverError:

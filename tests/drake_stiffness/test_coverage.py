@@ -25,7 +25,7 @@ from drake_stiffness.simulation import simulate_displacement, simulate_readings
 from drake_stiffness.support import displacement_support
 
 KR270 = Path(__file__).parents[2] / "examples" / "kr270"
-SEEDS = 16
+SEEDS = 10
 
 
 @pytest.fixture(scope="module")

@@ -49,10 +49,10 @@ def named(result):
 
 
 def test_a_model_that_is_still_true_is_called_so(stored, same):
-    """Twenty draws of the noise; one in a hundred may be called false."""
+    """Eight draws of the noise; one in a hundred may be called false."""
     task, model = read_task(same), load_model(stored)
     exact, false = run(draw(5, 2)).exact.reshape(-1, 3), 0
-    for seed in range(20):
+    for seed in range(8):
         noise = np.random.default_rng([seed, 9]).normal(scale=SIGMA_M, size=exact.shape)
         m = replace(task.measurements, position=exact + noise)
         o = observe(m, True, task.campaign.noise)

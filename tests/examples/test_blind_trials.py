@@ -126,18 +126,29 @@ def test_a_hidden_effect_has_the_visible_size_that_was_asked_for(tmp_path: Path)
     }
 
 
+@pytest.fixture
+def few_harmonics(monkeypatch: pytest.MonkeyPatch) -> None:
+    """All kinds at all places, but not sixty harmonics of each: what is tested here needs none of them."""
+    from drake_stiffness.effects import harmonics
+
+    monkeypatch.setattr(harmonics, "HARMONICS", (1, 2, 3, 6))
+
+
+@pytest.mark.usefixtures("few_harmonics")
 def test_a_strong_single_effect_is_named(tmp_path: Path) -> None:
     trial = make_trial(4, "one", arm="light_arm", kind="joint_backlash", sigma=25.0, postures=FEW)
     said = diagnosed(trial, tmp_path)
     assert any(trial.placed[0].hidden.name in members(entry) for entry in said["effects"])
 
 
+@pytest.mark.usefixtures("few_harmonics")
 def test_nothing_hidden_is_consistent(tmp_path: Path) -> None:
     trial = make_trial(7, "none", arm="light_arm", postures=FEW)
     said = diagnosed(trial, tmp_path)
     assert (said["verdict"], said["effects"]) == ("consistent", [])
 
 
+@pytest.mark.usefixtures("few_harmonics")
 def test_what_the_catalogue_lacks_is_not_named_with_confidence(tmp_path: Path) -> None:
     trial = make_trial(4, "unknown", arm="light_arm", kind="uneven_link", sigma=25.0, postures=FEW)
     said = diagnosed(trial, tmp_path)

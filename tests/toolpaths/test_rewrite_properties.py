@@ -121,7 +121,7 @@ def poses(program):
     return np.concatenate([program.position_mm, program.orientation], axis=1)
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=40, deadline=None)
 @given(programs())
 def test_the_reader_finds_the_tokens_that_the_generator_wrote(generated):
     program = parse(generated.text.encode("latin-1"))
@@ -131,7 +131,7 @@ def test_the_reader_finds_the_tokens_that_the_generator_wrote(generated):
         assert found == spans
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=40, deadline=None)
 @given(programs(), st.booleans())
 def test_zero_correction_is_byte_identical(generated, allow_insert):
     raw = generated.text.encode("latin-1")
@@ -144,7 +144,7 @@ def test_zero_correction_is_byte_identical(generated, allow_insert):
     assert out.insertions == ()
 
 
-@settings(max_examples=90, deadline=None)
+@settings(max_examples=50, deadline=None)
 @given(programs(), st.data())
 def test_only_numbers_of_corrected_poses_change_and_they_keep_their_decimals(generated, data):
     raw = generated.text.encode("latin-1")
@@ -169,7 +169,7 @@ def test_only_numbers_of_corrected_poses_change_and_they_keep_their_decimals(gen
     assert out.raw.count(b"\n") == raw.count(b"\n")
 
 
-@settings(max_examples=110, deadline=None)
+@settings(max_examples=40, deadline=None)
 @given(programs(), st.booleans(), st.data())
 def test_reading_back_gives_the_wanted_pose_or_the_original_one(generated, allow_insert, data):
     program = parse(generated.text.encode("latin-1"))
@@ -208,7 +208,7 @@ def test_whole_poses_are_never_refused(generated, data):
         assert (out.changed == (change & program.corrected)).all()
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=40, deadline=None)
 @given(st.binary(max_size=60), st.integers(0, 10**6), programs())
 def test_damaged_bytes_never_crash_the_reader(noise, where, generated):
     raw = generated.text.encode("latin-1")

@@ -78,7 +78,8 @@ def test_one_axis_comes_as_near_as_one_axis_can():
     convention = axes("A")
     R = Rotation.from_euler("xy", [20.0, 0.1], degrees=True).as_matrix()[None]
     found = convention.near(R, np.array([[19.0]]))
-    best = min(np.linspace(19, 21, 20001), key=lambda a: -(convention.rotation(np.array([[a]]))[0, :, 2] @ R[0, :, 2]))
+    tried = np.linspace(19, 21, 20001)
+    best = tried[np.argmax(convention.rotation(tried[:, None])[:, :, 2] @ R[0, :, 2])]
     assert found[0, 0] == pytest.approx(best, abs=2e-4)
 
 
