@@ -135,6 +135,21 @@ def numerical_rank(singular: Array, coarse: bool) -> tuple[int, float]:
     return rank, float(relative[best] / below[best])
 
 
+def _right_singular(A: Array) -> tuple[Array, Array]:
+    """Singular values and all right singular vectors (rows) of a matrix.
+
+    LAPACK's divide and conquer, which numpy uses, fails to come to rest on a rare matrix of exact redundancies; its older QR iteration
+    does not.
+    """
+    try:
+        _, s, Vt = np.linalg.svd(A, full_matrices=True)
+    except np.linalg.LinAlgError:
+        from scipy.linalg import svd
+
+        _, s, Vt = svd(A, full_matrices=True, lapack_driver="gesvd")
+    return np.asarray(s), np.asarray(Vt)
+
+
 def analyse(A: Array, *, coarse: bool) -> Identifiability:
     """Seen and unseen directions of `A (rows, n)`, which is per unit scale.
 
@@ -148,7 +163,7 @@ def analyse(A: Array, *, coarse: bool) -> Identifiability:
     length = np.linalg.norm(R, axis=0)
     zero = length <= max(ZERO_BELOW, 1e-11 * float(length.max(initial=0.0)))
     unit = np.where(zero, 0.0, R / np.where(zero, 1.0, length))
-    _, s, Vt = np.linalg.svd(unit, full_matrices=True)
+    s, Vt = _right_singular(unit)
     full = np.zeros(n)
     full[: s.size] = s
     live = n - int(zero.sum())

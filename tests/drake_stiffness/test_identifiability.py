@@ -169,3 +169,22 @@ def test_columns_of_one_campaign_are_in_units_of_noise_and_scale(tmp_path, arms,
     model = make_model(cell, arm, spring_effects(cell, arm))
     coarse, fine = (columns(watched(tmp_path, cell, arm, cases, p, s), model) for s in (1e-5, 1e-6))
     assert fine == pytest.approx(10 * coarse, rel=1e-12)
+
+
+def test_a_decomposition_that_does_not_come_to_rest_is_done_another_way(monkeypatch):
+    """LAPACK's divide and conquer gave up on a matrix of one example; the ranks must not depend on which algorithm found them."""
+    rng = np.random.default_rng(4)
+    A = rng.normal(size=(40, 6)) @ rng.normal(size=(6, 12))
+    usual = analyse(A, coarse=False)
+
+    whole = np.linalg.svd
+
+    def gives_up(matrix, *args, **kwargs):
+        if matrix.shape == (12, 12):
+            raise np.linalg.LinAlgError("SVD did not converge")
+        return whole(matrix, *args, **kwargs)
+
+    monkeypatch.setattr(np.linalg, "svd", gives_up)
+    other = analyse(A, coarse=False)
+    assert other.rank == usual.rank == 6
+    np.testing.assert_allclose(other.seen @ other.seen.T, usual.seen @ usual.seen.T, atol=1e-10)

@@ -150,7 +150,7 @@ def test_nothing_hidden_is_consistent(tmp_path: Path) -> None:
 
 @pytest.mark.usefixtures("few_harmonics")
 def test_what_the_catalogue_lacks_is_not_named_with_confidence(tmp_path: Path) -> None:
-    trial = make_trial(4, "unknown", arm="light_arm", kind="uneven_link", sigma=25.0, postures=FEW)
+    trial = make_trial(4, "unknown", arm="light_arm", kind="uneven_link", sigma=12.0, postures=FEW)
     said = diagnosed(trial, tmp_path)
     assert said["verdict"] in ("unexplained", "partly_explained")
 
