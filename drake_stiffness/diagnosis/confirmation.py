@@ -30,12 +30,16 @@ class HeldOut:
         Sum of squares in units of the stated noise; the variance of their own reference is in it.
     p_value : float
         That noise and the parameters' uncertainty leave as much; in units of the noise the data show where that is asked.
+    surprise : float
+        Twice the negative log density of the readings under noise and the parameters' uncertainty, but for a constant: what
+        models are compared by.
     """
 
     rms_mm: float
     chi2: float
     dof: int
     p_value: float
+    surprise: float
 
     @property
     def per_dof(self) -> float:
@@ -55,11 +59,14 @@ def held_out(solution: Solution, o: Observations, noise_ratio: float = 1.0) -> t
     A = columns(o, model) @ view.seen
     dof = o.rows - o.references
     part = A.T @ residual
-    inflated = float(residual @ residual) - float(part @ np.linalg.solve(np.diag(view.weight**2) + A.T @ A, part))
+    G = np.diag(view.weight**2) + A.T @ A
+    inflated = float(residual @ residual) - float(part @ np.linalg.solve(G, part))
+    spread = float(np.linalg.slogdet(G)[1]) - 2 * float(np.log(view.weight).sum())  # log |I + A C A^T|
     readings = o.measurements.case.size
     rms = float(np.sqrt((residual[: 3 * readings] ** 2).sum() / max(readings, 1))) * o.sigma_p * 1e3
     p_value = float(chdtrc(dof, inflated / noise_ratio**2)) if dof > 0 else float("nan")
-    return HeldOut(rms, float(residual @ residual), dof, p_value), residual
+    surprise = inflated / noise_ratio**2 + spread
+    return HeldOut(rms, float(residual @ residual), dof, p_value, surprise), residual
 
 
 def placebo_share(left: Remaining, effect: Effect, seed: int) -> tuple[float, int]:

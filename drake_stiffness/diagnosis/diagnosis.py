@@ -38,6 +38,9 @@ _CONSISTENT = 0.001  # of the 1 % that all of diagnosis may err by: half for the
 _EXPLAINED, _PARTLY = 0.9, 0.1
 # What is left is not noise below this probability; forms are then believed only where they close this much of the gap.
 _NOT_NOISE, _MOSTLY = 1e-3, 0.75
+# Held-out readings that are less probable by this much (twice the log) with a name than without refute it. It is then taken for chance
+# unless its p-value was below this share of what it had to be below.
+_AGAINST, _NO_CHANCE = 6.0, 1e-3
 # What a name's form misses of its truth explains less than this share of what the name does.
 _MISSED = 0.3
 
@@ -214,6 +217,8 @@ def _confirm(
     doubtful = doubtful_names(found, before, held_out(found.solution, o_held, yard)[0], yard)
     found, more = _standing(found, doubtful)
     withdrawn |= more
+    found, by_chance = _unrefuted(found, o_held, yard)
+    withdrawn |= by_chance
     if withdrawn:
         process_after = fit_process(found.left)
     after, r_after = held_out(found.solution, o_held, ratio)
@@ -239,7 +244,9 @@ def _confirm(
     if verdict in ("consistent", "explained"):
         # Something is there that passed every test, under a name that did not stand or under none. Beside a far stronger name
         # it may be what that one's form misses.
-        lost = max((n.tested.explained for n in passed if n.tested.suspect.name in withdrawn), default=0.0)
+        gone = [n for n in passed if n.tested.suspect.name in withdrawn]
+        gone = [n for n in gone if n.tested.suspect.name not in by_chance or n.tested.p_value < _NO_CHANCE * n.level]
+        lost = max((n.tested.explained for n in gone), default=0.0)
         if not found.named and (lost or beyond.sure):
             verdict = "unexplained"
         elif lost > _MISSED * max((n.tested.explained for n in found.named), default=np.inf):
@@ -297,6 +304,33 @@ def doubtful_names(found: Search, before: HeldOut, after: HeldOut, noise_ratio: 
         for n in found.named
         if not isinstance(n.effect, Spring)
     }
+
+
+def _unrefuted(found: Search, o_held: Observations, noise_ratio: float) -> tuple[Search, dict[str, str]]:
+    """The search less names that readings which took no part speak against, the worst first.
+
+    Of hundreds of suspects one may look good by chance, or stand for what only these postures show: then it makes unseen
+    postures worse.
+    """
+    gone: dict[str, str] = {}
+    while found.named:
+        own = held_out(found.solution, o_held, noise_ratio)[0].surprise
+        against = {}
+        for n in found.named:
+            try:
+                others = found.bench.fit([m.effect for m in found.named if m is not n])
+            except UntrustworthyError:
+                continue
+            against[n.tested.suspect.name] = own - held_out(others, o_held, noise_ratio)[0].surprise
+        worst = max(against, key=against.__getitem__, default=None)
+        if worst is None or against[worst] <= _AGAINST:
+            break
+        why = (
+            f"readings that took no part are predicted worse with it (twice the log of their density falls by {against[worst]:.1f})"
+        )
+        found, more = _standing(found, {worst: why})
+        gone |= more
+    return found, gone
 
 
 def judge(

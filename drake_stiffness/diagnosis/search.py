@@ -180,15 +180,15 @@ class Bench:
         return Named(effect, t if old is None else together(old.tested, t, effect), (), around.level)
 
 
-def search(bench: Bench, known: Sequence[Named] = ()) -> Search:
-    """Find what is missing in the model of a fit; it starts from `known`, found with an outlier among the readings."""
+def search(bench: Bench, known: Sequence[Named] = (), barred: frozenset[str] = frozenset()) -> Search:
+    """Find what is missing in the model of a fit; it starts from `known`, and names nothing that is barred."""
     faults: dict[str, str] = {}
     named = list(known)
     first = bench.round((), set())
     while True:
         last = bench.round(_effects(named), _names(named) | set(faults))
         faults |= last.faults
-        able = [t for t in last.passed if may_join(t, named, first, last)]
+        able = [t for t in last.passed if t.suspect.name not in barred and may_join(t, named, first, last)]
         if len(named) == MOST_EFFECTS:  # what is named may still be completed
             able = [t for t in able if isinstance(t.suspect, Further)]
         chosen = most_convincing(able, bench.alone(named))
@@ -207,12 +207,20 @@ def search(bench: Bench, known: Sequence[Named] = ()) -> Search:
     return Search(bench, bench.fit(effects), tuple(named), first, last, bench.left(effects), faults)
 
 
-def weighed(found: Search, known: Sequence[Named] = ()) -> Search:
-    """The evidence for every name beside the others; one found with an outlier among the readings that does not stand starts all anew."""
+def weighed(found: Search, known: Sequence[Named] = (), barred: frozenset[str] = frozenset()) -> Search:
+    """The evidence for every name beside the others; a name that the others have made needless goes, and the search goes on without it.
+
+    Where one that was found with an outlier among the readings does not stand, all starts anew.
+    """
     named = _evidence_of_each(found.bench, list(found.named))
-    if known and any(n.tested.p_value >= n.level for n in named):
+    weak = [n for n in named if n.tested.p_value >= n.level]
+    if not weak:
+        return replace(found, named=tuple(named))
+    if known:
         return weighed(search(found.bench))
-    return replace(found, named=tuple(named))
+    worst = max(weak, key=lambda n: n.tested.p_value)
+    barred |= {worst.tested.suspect.name}
+    return weighed(search(found.bench, [n for n in named if n is not worst], barred), (), barred)
 
 
 def most_convincing(passed: Sequence[Tested], r: Array | None = None) -> Tested | None:
