@@ -325,9 +325,7 @@ def _unrefuted(found: Search, o_held: Observations, noise_ratio: float) -> tuple
         worst = max(against, key=against.__getitem__, default=None)
         if worst is None or against[worst] <= _AGAINST:
             break
-        why = (
-            f"readings that took no part are predicted worse with it (twice the log of their density falls by {against[worst]:.1f})"
-        )
+        why = f"readings that took no part are predicted worse with it (twice the log of their density falls by {against[worst]:.1f})"
         found, more = _standing(found, {worst: why})
         gone |= more
     return found, gone

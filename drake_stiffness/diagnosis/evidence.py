@@ -7,7 +7,7 @@ only after the search over all variants is paid for: the level that the smallest
 is found by simulation, correlations between variants included.
 
 Evidence is what counts in the end: by how much readings of experiments that a fit did not see are predicted better, over
-folds of whole experiments, the uncertainty of that fit taken into account.
+folds of whole experiments, in units of what the base model's own uncertainty may leave there.
 """
 
 from __future__ import annotations
@@ -29,8 +29,8 @@ _DRAWS = 4000
 _JITTER = 1e-9
 # What is left of a column after the base model's, as a share of it: below this the two cannot be told apart at all.
 _NOTHING_LEFT = 1e-3
-# A direction of which the other folds hold less than this share counts as one that they do not see.
-_UNSEEN = 1e-6
+# On unseen experiments an effect's value is drawn to zero by a prior that says one part in so many of what all readings say.
+_PRIOR = 20
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,8 +46,8 @@ class Tested:
     p_value : float
         Of F, before the search is paid for.
     gain : float
-        Cross-validated gain: by how much unseen experiments are better predicted, as twice the log of their density at the noise the
-        data show. The variant is chosen anew in every fold.
+        Cross-validated gain: by how much chi-square of unseen experiments falls, in units of the noise the data show and of what the
+        base model may leave there. The variant is chosen anew in every fold.
     own_gain : float
         The same with this variant in every fold.
     coefficient : (p,)
@@ -164,24 +164,24 @@ def cross_validated(
     variants: Sequence[Array],
     r: Array,
     fold: NDArray[np.int_],
-    noise: float = 1.0,
     fit: Fit = least_squares,
 ) -> float:
-    """How surprising every fold is to a fit of the others with columns [A, S], A of full column rank: twice the negative log density.
+    """Squares of what fits to the other folds leave of each fold, with columns [A, S], in units of what A alone may leave there.
 
-    With e what the fit to the others leaves of a fold's rows X and P the covariance of that fit, the rows are normal around it with
-    V = noise (I + X P X^T), and e^T V^-1 e + log |V| is summed. So a direction that the other experiments hardly see weighs little,
-    where plain squares would be all about it. By Woodbury e^T V^-1 e = (e^T e - (X^T e)^T G^-1 X^T e) / noise with G = X_all^T X_all, and of
-    log |V| only what S adds beside A is counted; the rest is the same with and without S.
+    With P the covariance of a fit of A to the other folds, its error on a fold's rows X has covariance I + X P X^T, and e^T (I + X P X^T)^-1 e
+    is summed. A direction that the other experiments hardly see weighs little, where plain squares would be all about it. By
+    Woodbury this is e^T e - (X^T e)^T G^-1 (X^T e) with G = A^T A over all folds. S earns no such allowance: it has to predict.
 
     Parameters
     ----------
+    A : (rows, n)
+        Of full column rank.
     variants : one or more (rows, p)
-        Of all S the one that fits the other folds best is taken, fold by fold: the search over constants is paid for too.
+        What is left of S beside A. Of all S the one that fits the other folds best is taken, fold by fold: the search over constants
+        is paid for too. Values are drawn to zero by a prior of one part in `_PRIOR`, so that what the others hardly see of S
+        is hardly claimed.
     fold : (rows,)
         Rows of a negative fold take part in every fit and are never left out.
-    noise : float
-        Squared, in units of the stated one.
     fit : callable
         Values of a variant's parameters, the base's eliminated.
     """
@@ -192,33 +192,16 @@ def cross_validated(
     for f in np.unique(fold[fold >= 0]):
         own = fold == f
         Xf, rf = X[own], r[own]
-        G_own, b_own = Xf.T @ Xf, Xf.T @ rf
-        G_rest, b_rest = G - G_own, b - b_own
+        G_rest, b_rest = G - Xf.T @ Xf, b - Xf.T @ rf
         # The base's columns are eliminated once for all variants.
         solved = np.linalg.lstsq(G_rest[:base, :base], np.column_stack([b_rest[:base], G_rest[:base]]), rcond=1e-10)[0]
         alone, mimic = solved[:, 0], solved[:, 1:]
         left = b_rest - G_rest[:, :base] @ alone
-        inner = [G_rest[v, v] - G_rest[v, :base] @ mimic[:, v] for v in picks]
+        inner = [G_rest[v, v] - G_rest[v, :base] @ mimic[:, v] + G[v, v] / _PRIOR for v in picks]
         fits = [fit(H, left[v]) for H, v in zip(inner, picks, strict=True)]
         best = max(range(len(picks)), key=lambda k: float(left[picks[k]] @ fits[k]))
         v, x = picks[best], fits[best]
-        z = np.concatenate([alone - mimic[:, v] @ x, x])
-        cols = np.concatenate([np.arange(base), np.arange(v.start, v.stop)])
-        G_fold, G_all = G_own[np.ix_(cols, cols)], G[np.ix_(cols, cols)]
-        u = b_own[cols] - G_fold @ z
-        squares = float(rf @ rf) - float(z @ (b_own[cols] + u)) - float(u @ np.linalg.lstsq(G_all, u, rcond=1e-12)[0])
-        total += squares / noise + _freedom(G[v, v] - G[v, :base] @ _solved(G, base, v), inner[best])
+        e = rf - Xf[:, :base] @ (alone - mimic[:, v] @ x) - Xf[:, v] @ x
+        u = Xf[:, :base].T @ e
+        total += float(e @ e) - float(u @ np.linalg.solve(G[:base, :base], u))
     return total
-
-
-def _solved(G: Array, base: int, v: slice) -> Array:
-    return np.asarray(np.linalg.lstsq(G[:base, :base], G[:base, v], rcond=1e-10)[0])
-
-
-def _freedom(whole: Array, rest: Array) -> float:
-    """log |whole| - log |rest|: what values of S that the other folds leave uncertain add to log |V|."""
-    w, U = np.linalg.eigh(whole)
-    keep = w > 1e-10 * max(float(w[-1]) if w.size else 0.0, 1e-300)
-    half = U[:, keep] / np.sqrt(w[keep])
-    share = np.linalg.eigvalsh(half.T @ rest @ half)
-    return -float(np.log(np.clip(share, _UNSEEN, 1.0)).sum())

@@ -144,18 +144,18 @@ def try_all(left: Remaining, found: list[Suspect], seed: int) -> Round:
 
 
 class Gain:
-    """Cross-validated gain of columns beside the model's own: by how much better unseen experiments are predicted."""
+    """Cross-validated gain of columns beside the model's own: by how much chi-square of unseen experiments falls."""
 
     def __init__(self, left: Remaining, seed: int) -> None:
         self.left = left
         self.fold = left.folds(seed)
-        self.noise = max(left.per_dof, 1e-300)
-        self.before = cross_validated(left.Q, [np.zeros((left.r.size, 0))], left.r, self.fold, self.noise)
+        self.before = cross_validated(left.Q, [np.zeros((left.r.size, 0))], left.r, self.fold)
 
     def of(self, rests: Sequence[Array], effect: Effect | None = None) -> float:
         """Of the best of several variants, in units of the noise the data show; inside the cones of `effect`, if it has any."""
         fit = (inside_cones(effect) if effect and len(rests) == 1 else None) or least_squares
-        return self.before - cross_validated(self.left.Q, rests, self.left.r, self.fold, self.noise, fit)
+        after = cross_validated(self.left.Q, rests, self.left.r, self.fold, fit)
+        return (self.before - after) / max(self.left.per_dof, 1e-300)
 
 
 def _with_gain(t: Tested, gain: Gain, rests: Sequence[Array]) -> Tested:
