@@ -93,8 +93,13 @@ def _directions(wrench: Array) -> tuple[NDArray[np.str_], NDArray[np.str_]]:
         axis = int(np.abs(v).argmax())
         words = ("+x", "-x", "+y", "-y", "up", "down")[2 * axis + (0 if v[axis] > 0 else 1)]
         direction.append(f"{kind} {words}" if np.abs(v[axis]) > 0.9 else f"{kind} oblique, mostly {words}")
-        level.append(f"{size_f[k]:.3g} N" if kind == "force" else f"{size_m[k]:.3g} N m")
+        level.append(f"{short(size_f[k])} N" if kind == "force" else f"{short(size_m[k])} N m")
     return np.array(direction), np.array(level)
+
+
+def short(value: float, digits: int = 3) -> str:
+    """A number with so many significant digits, and no exponent where it is of a usual size."""
+    return f"{float(f'{value:.{digits}g}'):g}"
 
 
 def _branches(scene: Scene) -> NDArray[np.str_]:

@@ -9,6 +9,7 @@ from rich.console import Console
 from rich.table import Table
 
 from drake_stiffness.diagnosis.job import Diagnosed
+from drake_stiffness.diagnosis.locate import short
 from drake_stiffness.intervals.interval import read_as
 
 MEANING = {
@@ -106,7 +107,7 @@ def limits_in_words(limits: list[dict[str, Any]]) -> list[str]:
     lines = []
     for kind, found in by_kind.items():
         found = sorted(found, key=lambda x: x["rms_um"])
-        words = [f"{x['rms_um']:.2g} um rms at {x['where']}{_as_value(x)}" for x in (found[0], found[-1])]
+        words = [f"{short(x['rms_um'], 2)} um rms at {x['where']}{_as_value(x)}" for x in (found[0], found[-1])]
         lines.append(
             f"Not detectable: {kind} that moves the readings by less than {' .. '.join(dict.fromkeys(words))}."
         )
@@ -117,7 +118,7 @@ def _as_value(limit: dict[str, Any]) -> str:
     if limit["value"] is None:
         return ""
     factor, unit = read_as(limit["unit"])
-    return f" ({limit['parameter']} {limit['value'] * factor:.2g} {unit})"
+    return f" ({limit['parameter']} {short(limit['value'] * factor, 2)} {unit})"
 
 
 def p_words(p: float) -> str:
