@@ -1,0 +1,72 @@
+"""A name must hold to the end: beside the others, and on readings that took no part."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hidden_campaigns import draw, run, table, with_physics, write
+from plants.gear_mesh import Backlash
+
+from drake_stiffness.diagnosis import suspects
+from drake_stiffness.diagnosis.diagnosis import diagnose
+from drake_stiffness.diagnosis.naming import try_all
+from drake_stiffness.diagnosis.search import Bench, Named, Search, weighed
+from drake_stiffness.diagnosis.suspects import separate_untestable
+from drake_stiffness.effects import harmonics
+from drake_stiffness.identification import identify
+from drake_stiffness.start import starting_model
+from drake_stiffness.task import read_task
+
+PLAY, HELD = "joint_backlash at joint_1", ("E03", "E06", "E09")
+TRIED = ("joint_backlash", "joint_hysteresis", "joint_mesh_stiffness", "tracker_drift")
+
+
+@pytest.fixture(autouse=True)
+def few_to_try(monkeypatch):
+    monkeypatch.setattr(harmonics, "HARMONICS", (1, 2, 3))
+    whole = suspects.effect_kinds
+    monkeypatch.setattr(suspects, "effect_kinds", lambda: {k: v for k, v in whole().items() if k in TRIED})
+
+
+@pytest.fixture(scope="module")
+def plan():
+    return draw(12, 11)
+
+
+@pytest.fixture(scope="module")
+def played(plan):
+    """0.1 mrad of play in joint 1, whose torque sideways loads reverse."""
+    return run(plan, with_physics(Backlash(0, 1e-4, 50.0, 0.05, 4000.0)))
+
+
+def test_a_name_that_another_makes_needless_goes(tmp_path, played):
+    task = read_task(write(tmp_path, table(played, 1)))
+    o = task.observations(np.ones(12, dtype=bool))
+    base = identify(starting_model(task.model, task.measurements), o)
+    able, _ = separate_untestable(suspects.suspects(base.model), base.model, task.measurements, True)
+    bench = Bench(base, o, able, 0, lambda text: None)
+    first = try_all(bench.left(()), able, 0)
+    tested = {t.suspect.name: t for t in (*first.passed, *first.failed)}
+    needless = "joint_mesh_stiffness at joint_1"
+    wanted = [tested[PLAY], tested[needless]]
+    named = tuple(Named(t.effect, t, (), first.level) for t in wanted)
+    effects = [n.effect for n in named]
+    found = Search(bench, bench.fit(effects), named, first, first, bench.left(effects), {})
+    names = [n.tested.suspect.name for n in weighed(found).named]
+    assert names[0] == PLAY
+    assert needless not in names
+
+
+@pytest.mark.parametrize("everywhere", [True, False])
+def test_what_unseen_experiments_do_not_show_does_not_stand(tmp_path, plan, played, everywhere):
+    """Play that the held-out experiments lack is no property of the arm, however sure the others make it."""
+    held = np.isin([f"E{e + 1:02d}" for e in plan.course.experiment], HELD)
+    exact = played.exact if everywhere else np.where(held[:, None, None], run(plan).exact, played.exact)
+    path = write(tmp_path, table(replace(played, exact=exact), 1), hold_out={"experiments": list(HELD)})
+    d = diagnose(read_task(path), lambda text: None)
+    assert [n.tested.suspect.name for n in d.search.named] == ([PLAY] if everywhere else [])
+    if not everywhere:
+        assert "readings that took no part" in d.withdrawn[PLAY] or "of the gap on unseen" in d.withdrawn[PLAY]
+        assert d.verdict == "unexplained"
