@@ -10,7 +10,7 @@ from drake_stiffness.diagnosis.detection import Limit, detection_limits
 from drake_stiffness.diagnosis.diagnosis import Diagnosis, gap_mm
 from drake_stiffness.diagnosis.evidence import Tested
 from drake_stiffness.diagnosis.growth import Further
-from drake_stiffness.diagnosis.search import Named
+from drake_stiffness.diagnosis.search import MOST_EFFECTS, Named
 from drake_stiffness.diagnosis.suspects import suspects
 
 FORMAT = "drake-stiffness-diagnosis/1"
@@ -141,4 +141,9 @@ def _why(t: Tested, d: Diagnosis) -> str:
         return f"explains no more than noise does (p = {t.p_value:.2g}, needed {d.search.last.level:.1g})"
     if t.gain <= 0:
         return f"does not predict unseen experiments better (cross-validated gain {t.gain:.3g})"
-    return f"would gain {t.gain:.3g}, but more effects than are named were never told apart"
+    if len(d.search.named) >= MOST_EFFECTS:
+        return f"would gain {t.gain:.3g}, but more effects than are named were never told apart"
+    return (
+        f"would gain {t.gain:.3g}, but beside what is named it is not beyond doubt (p = {t.p_value:.2g}), or it is what the form of a "
+        "named effect at its place misses"
+    )

@@ -37,7 +37,7 @@ MOST_EFFECTS = 5
 # The simplest suspect that gains this share of what the best one gains goes first: what it misses shows in the next round.
 _NEARLY_AS_GOOD = 0.8
 # A further name must be this much surer than the first one had to be.
-_LATER = 0.2
+_LATER = 0.5
 # At the place of a named effect: signatures as like as this, and explaining less than this share, are a rest of it.
 _SAME_PHYSICS, _WEAKER = 0.4, 0.3
 # A suspect of the named kind elsewhere that explains this share of it is a rival.

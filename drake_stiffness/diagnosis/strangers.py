@@ -97,7 +97,7 @@ def likeness(left: Remaining, found: Sequence[Stranger], noise: float) -> list[L
 
 def strangers(scene: Scene) -> list[Stranger]:
     """Everything that is tried, at a fitted model."""
-    return [*_in_joints(scene), *_in_links(scene), *_of_time(scene)]
+    return [*_in_joints(scene), *_at_the_foot(scene), *_in_links(scene), *_of_time(scene)]
 
 
 def _in_joints(scene: Scene) -> Iterator[Stranger]:
@@ -150,6 +150,21 @@ def crept(tau: Array, elapsed: Array, scene: Scene, relaxation_s: float) -> Arra
     return out
 
 
+def _at_the_foot(scene: Scene) -> Iterator[Stranger]:
+    """A foot that tilts more the more it is loaded, or to one side: bolts that give, a floor that lifts off."""
+    columns, case = scene.spring_columns, scene.o.measurements.case
+    carried, moves = columns.tau_link[0], columns.moves(0)
+    assert carried is not None
+    moment = carried[3:5, case]
+    for how, driven in (
+        ("more under more load", moment * np.linalg.norm(moment, axis=0)),
+        ("more to one side than to the other", np.abs(moment) * np.abs(moment).max()),
+    ):
+        size = max(float(np.abs(driven).max()), 1e-12)
+        change = moves[:, :, 3:5] * (driven.T / size * _SMALL)[:, None]
+        yield Stranger(f"the base tilts {how}", (whitened(scene.o, change),))
+
+
 def _in_links(scene: Scene) -> Iterator[Stranger]:
     """Flanges that open on one side, at either end of a link, and springs beyond their template."""
     arm, case, columns = scene.model.structure.arm, scene.o.measurements.case, scene.spring_columns
@@ -195,17 +210,12 @@ def _root(scene: Scene, k: int) -> Array:
 
 
 def _of_time(scene: Scene) -> Iterator[Stranger]:
-    """A tracker that wanders unsteadily; links that grow and bow as they warm up."""
+    """Links that grow and bow as they warm up."""
     time, case = scene.cases.time_s, scene.o.measurements.case
     if not time.size or not np.isfinite(time).all() or np.ptp(time) == 0:
         return
     t = (time - time.min()) / np.ptp(time)
     courses = [(1 - np.exp(-t / w))[case] for w in _WARMINGS] + [(t**2)[case]]
-    steady = np.zeros((case.size, 6, 3))
-    steady[:, np.arange(3), np.arange(3)] = _SMALL
-    yield Stranger(
-        "a tracker that drifts unsteadily", tuple(whitened(scene.o, steady * g[:, None, None]) for g in courses)
-    )
     for k, name in enumerate(scene.model.structure.arm.link_names):
         moves = scene.spring_columns.moves(k)
         along = _root(scene, k)
