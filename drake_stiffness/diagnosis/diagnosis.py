@@ -2,26 +2,36 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, replace
-from typing import Literal
 
 import numpy as np
 
 from drake_stiffness.campaign import HoldOut, Measurements
 from drake_stiffness.diagnosis.confirmation import HeldOut, held_out, placebo_share, still_explainable
-from drake_stiffness.diagnosis.doubts import hint, own_rest, stand_ins, sticks_out, wrong_forms
+from drake_stiffness.diagnosis.doubts import (
+    NO_CHANCE,
+    doubtful_names,
+    effect_behind,
+    hint,
+    own_rest,
+    stand_ins,
+    standing,
+    sticks_out,
+    unrefuted,
+    wrong_forms,
+)
 from drake_stiffness.diagnosis.generic import fit_process
 from drake_stiffness.diagnosis.locate import Place, by_part, floor_in_words, in_words
-from drake_stiffness.diagnosis.naming import Remaining
+from drake_stiffness.diagnosis.naming import Remaining, remaining
 from drake_stiffness.diagnosis.outliers import MOST, Outlier, find_outlier, without
 from drake_stiffness.diagnosis.prior import WithPrior
 from drake_stiffness.diagnosis.rigidity import NoiseShown, noise_of_remainder, noise_shown
 from drake_stiffness.diagnosis.search import Bench, Named, Search, search, weighed
 from drake_stiffness.diagnosis.signatures import Scene
 from drake_stiffness.diagnosis.suspects import Untestable, separate_untestable, suspects
-from drake_stiffness.effects.compliance import Spring
-from drake_stiffness.errors import InputError, UntrustworthyError
+from drake_stiffness.diagnosis.verdict import Verdict, judge, with_doubts
+from drake_stiffness.errors import InputError
 from drake_stiffness.hold_out import held_out_experiments, posture_groups
 from drake_stiffness.identification import Solution, identify
 from drake_stiffness.model import Model
@@ -30,19 +40,8 @@ from drake_stiffness.rotations import Array
 from drake_stiffness.start import starting_model
 from drake_stiffness.task import Task
 
-Verdict = Literal["consistent", "explained", "partly_explained", "unexplained"]
 DEFAULT_HOLD_OUT = HoldOut(fraction=0.2, seed=0)
 _FEWEST = 6
-_CONSISTENT = 0.001  # of the 1 % that all of diagnosis may err by: half for the fit, half for held-out readings
-# The named effects explain the gap when they close this much of it, or what remains is noise; less is a part, little nothing.
-_EXPLAINED, _PARTLY = 0.9, 0.1
-# What is left is not noise below this probability; forms are then believed only where they close this much of the gap.
-_NOT_NOISE, _MOSTLY = 1e-3, 0.75
-# Held-out readings that are less probable by this much (twice the log) with a name than without refute it. It is then taken for chance
-# unless its p-value was below this share of what it had to be below.
-_AGAINST, _NO_CHANCE = 6.0, 1e-3
-# What a name's form misses of its truth explains less than this share of what the name does.
-_MISSED = 0.3
 
 
 @dataclass(frozen=True, eq=False)
@@ -199,25 +198,32 @@ def _confirm(
     process_before, process_after = fit_process(left_base), fit_process(found.left)
     passed = found.named
     doubted, as_good = stand_ins(found, left_base)
-    found, withdrawn = _standing(found, doubted)
+    found, withdrawn = standing(found, doubted)
     if withdrawn:
         process_after = fit_process(found.left)
-    found, more = _standing(found, wrong_forms(own_rest(found), process_after))
+    found, more = standing(found, wrong_forms(own_rest(found), process_after))
     withdrawn |= more
     # Where nothing shows the noise, what no smooth function gets below is the most that a gap can close to.
     yard = ratio if noise.dof > 0 else max(1.0, float(np.sqrt(process_after.floor)))
+    sticking: dict[str, str] = {}
     # An outlier among the held-out experiments proves nothing against a model; it is named, and the rest confirms.
     while (
         len(outliers) < _limit(data.fitted) + 1 and (worst := held_outlier(found.solution, o_held, ratio)) is not None
     ):
+        if behind := effect_behind(_of_all(data, found, outliers), found.bench.found, worst):
+            sticking[f"outliers at {worst.name}"] = (
+                f"held out, it sticks out of what the others say; over all experiments {behind} explains as much. Hold out others, or "
+                "measure more like it"
+            )
+            break
         outliers = (*outliers, worst)
         data = replace(data, held=without(data.held, worst.name))
         o_held = data.arrange(data.held)
     before, r_before = held_out(base, o_held, ratio)
     doubtful = doubtful_names(found, before, held_out(found.solution, o_held, yard)[0], yard)
-    found, more = _standing(found, doubtful)
+    found, more = standing(found, doubtful)
     withdrawn |= more
-    found, by_chance = _unrefuted(found, o_held, yard)
+    found, by_chance = unrefuted(found, o_held, yard)
     withdrawn |= by_chance
     if withdrawn:
         process_after = fit_process(found.left)
@@ -242,21 +248,14 @@ def _confirm(
     beyond = hint(found.left)
     verdict = judge(found, outliers, before, after, ratio, yard)
     if verdict in ("consistent", "explained"):
-        # Something is there that passed every test, under a name that did not stand or under none. Beside a far stronger name
-        # it may be what that one's form misses.
-        gone = [n for n in passed if n.tested.suspect.name in withdrawn]
-        gone = [n for n in gone if n.tested.suspect.name not in by_chance or n.tested.p_value < _NO_CHANCE * n.level]
-        lost = max((n.tested.explained for n in gone), default=0.0)
-        if not found.named and (lost or beyond.sure):
-            verdict = "unexplained"
-        elif lost > _MISSED * max((n.tested.explained for n in found.named), default=np.inf):
-            verdict = "partly_explained"
+        verdict = with_doubts(verdict, found, _lost(passed, withdrawn, by_chance), beyond.sure or bool(sticking))
     if verdict in ("partly_explained", "unexplained") and beyond.words:
         words = (words[0], f"{words[1]}; {beyond.words}")
     if verdict == "unexplained":
         # Where a gap remains that nothing closes, what stuck out of it is a part of it and no outlier.
         withdrawn |= {f"outliers at {x.name}": "it stuck out of a gap that remains without it" for x in outliers}
         outliers = ()
+    withdrawn |= sticking
     return Diagnosis(
         verdict,
         found,
@@ -276,87 +275,21 @@ def _confirm(
     )
 
 
-def _standing(found: Search, withdrawn: dict[str, str]) -> tuple[Search, dict[str, str]]:
-    """The search without the names that do not stand, refitted."""
-    if not withdrawn:
-        return found, {}
-    standing = tuple(n for n in found.named if n.tested.suspect.name not in withdrawn)
-    effects = [n.effect for n in standing]
-    try:
-        solution = found.bench.fit(effects)
-    except UntrustworthyError as error:
-        names = {n.tested.suspect.name: f"without the others the model cannot be fitted: {error}" for n in standing}
-        return _standing(found, withdrawn | names)
-    return replace(found, named=standing, solution=solution, left=found.bench.left(effects)), withdrawn
+def _of_all(data: _Data, found: Search, outliers: tuple[Outlier, ...]) -> Remaining:
+    """What the model leaves of fitted and held-out readings together."""
+    m = data.task.measurements
+    for outlier in outliers:
+        m = without(m, outlier.name)
+    o = data.arrange(m)
+    model = found.solution.model
+    return remaining(Scene(model, o), measured(o) - predicted(o, model), found.solution.identifiability.seen)
 
 
-def doubtful_names(found: Search, before: HeldOut, after: HeldOut, noise_ratio: float) -> dict[str, str]:
-    """Names that stand for something else: where most of the gap remains, only a missing spring is still believed.
-
-    What is no form of the catalogue is soaked up by several forms that each resemble a part of it, and the gap stays open. A
-    spring that a model lacks is real beside whatever else is missing.
-    """
-    closed = _closed(before, after, noise_ratio)
-    if min(_p_of_fit(found.left, noise_ratio), after.p_value) > _NOT_NOISE or closed >= _MOSTLY:
-        return {}
-    return {
-        n.tested.suspect.name: f"with it only {100 * max(closed, 0.0):.0f} % of the gap on unseen experiments closes; something else is there"
-        for n in found.named
-        if not isinstance(n.effect, Spring)
-    }
-
-
-def _unrefuted(found: Search, o_held: Observations, noise_ratio: float) -> tuple[Search, dict[str, str]]:
-    """The search less names that readings which took no part speak against, the worst first.
-
-    Of hundreds of suspects one may look good by chance, or stand for what only these postures show: then it makes unseen
-    postures worse.
-    """
-    gone: dict[str, str] = {}
-    while found.named:
-        own = held_out(found.solution, o_held, noise_ratio)[0].surprise
-        against = {}
-        for n in found.named:
-            try:
-                others = found.bench.fit([m.effect for m in found.named if m is not n])
-            except UntrustworthyError:
-                continue
-            against[n.tested.suspect.name] = own - held_out(others, o_held, noise_ratio)[0].surprise
-        worst = max(against, key=against.__getitem__, default=None)
-        if worst is None or against[worst] <= _AGAINST:
-            break
-        why = f"readings that took no part are predicted worse with it (twice the log of their density falls by {against[worst]:.1f})"
-        found, more = _standing(found, {worst: why})
-        gone |= more
-    return found, gone
-
-
-def judge(
-    found: Search, outliers: tuple[Outlier, ...], before: HeldOut, after: HeldOut, noise_ratio: float, yard: float
-) -> Verdict:
-    """The verdict (FORMATS: diagnosis.json); `yard` is the noise, over the stated one, that a gap can close to."""
-    fits = min(_p_of_fit(found.left, noise_ratio), after.p_value) > _CONSISTENT / 2
-    if fits:
-        return "explained" if found.named or outliers else "consistent"
-    if not found.named:
-        return "unexplained"
-    closed = _closed(before, after, yard)
-    # Down to a noise that nothing but the fit itself shows is no explanation of all.
-    if closed >= _EXPLAINED and yard == noise_ratio:
-        return "explained"
-    return "partly_explained" if closed >= _PARTLY else "unexplained"
-
-
-def _p_of_fit(left: Remaining, noise_ratio: float) -> float:
-    from scipy.special import chdtrc
-
-    return float(chdtrc(left.dof, float(left.r @ left.r) / noise_ratio**2))
-
-
-def _closed(before: HeldOut, after: HeldOut, noise_ratio: float) -> float:
-    """Share of what is beyond noise on held-out readings that the named effects take away."""
-    beyond = before.chi2 - before.dof * noise_ratio**2
-    return (before.chi2 - after.chi2) / beyond if beyond > 0 else 0.0
+def _lost(passed: Sequence[Named], withdrawn: Collection[str], by_chance: Collection[str]) -> float:
+    """What the strongest withdrawn name had explained; where held-out readings refuted it, only if chance does not explain it."""
+    gone = [n for n in passed if n.tested.suspect.name in withdrawn]
+    gone = [n for n in gone if n.tested.suspect.name not in by_chance or n.tested.p_value < NO_CHANCE * n.level]
+    return max((n.tested.explained for n in gone), default=0.0)
 
 
 def gap_mm(residual: Array, o: Observations) -> float:

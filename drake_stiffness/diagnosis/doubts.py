@@ -7,19 +7,30 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from drake_stiffness.diagnosis.confirmation import HeldOut, held_out
 from drake_stiffness.diagnosis.evidence import Tested, basis_of, left_over
 from drake_stiffness.diagnosis.generic import Process
-from drake_stiffness.diagnosis.naming import Remaining
+from drake_stiffness.diagnosis.naming import Remaining, best_variant, rests_of
 from drake_stiffness.diagnosis.outliers import Outlier
 from drake_stiffness.diagnosis.search import MOST_EFFECTS, Named, Search
 from drake_stiffness.diagnosis.strangers import Likeness, likeness, score, strangers
+from drake_stiffness.diagnosis.suspects import Suspect
+from drake_stiffness.diagnosis.verdict import closed_share, p_of_fit
 from drake_stiffness.effects import Effect
+from drake_stiffness.effects.compliance import Spring
 from drake_stiffness.effects.harmonics import JointPeriodicError
+from drake_stiffness.errors import UntrustworthyError
+from drake_stiffness.observation import Observations
 
 # A form is wrong when its own place still explains this share of what it explained, and more than five sigma.
 _WRONG_FORM, _LEAST_REST = 0.35, 25.0
 # A form that the catalogue lacks does clearly better from this much of chi-square on; it is a hint below this probability.
 _CLEARLY, _HINT = 9.0, 1e-6
+# What is left is not noise below this probability; forms are then believed only where they close this much of the gap.
+_NOT_NOISE, _MOSTLY = 1e-3, 0.75
+# Held-out readings that are less probable by this much (twice the log) with a name than without refute it. It is then taken for chance
+# unless its p-value was below this share of what it had to be below.
+_AGAINST, NO_CHANCE = 6.0, 1e-3
 _SURE = 0.0005  # of the 1 % that all of diagnosis may err by
 
 
@@ -114,6 +125,27 @@ def sticks_out(left: Remaining, outlier: Outlier) -> bool:
     return best > score(outlier.excess + outlier.unknowns, outlier.unknowns, places, 1.0)
 
 
+def effect_behind(left: Remaining, found: Sequence[Suspect], outlier: Outlier) -> str:
+    """The suspect that explains, over all experiments together, as much as calling one of them an outlier does; empty if none does.
+
+    A joint that hardens may show in the single posture that loads it most; if that one was held out, the others did not name it.
+
+    Parameters
+    ----------
+    left : Remaining
+        What the model leaves of all readings, those of the outlier included.
+    """
+    m = left.scene.o.measurements
+    places = 2 * (len(m.experiments) + m.cases.number)
+    best = score(outlier.excess + outlier.unknowns, outlier.unknowns, places, 1.0), ""
+    for suspect in found:
+        rests = rests_of(left, suspect, {})
+        t = best_variant(left, suspect, rests, [basis_of(S) for S in rests]) if rests else None
+        if t is not None:
+            best = max(best, (score(t.explained, t.coefficient.size, len(rests), outlier.noise), suspect.name))
+    return best[1]
+
+
 def own_rest(found: Search) -> list[Named]:
     """Named effects whose place holds nothing else: where the search stopped at its most, what is left there may be what it did not name."""
     if len(found.named) < MOST_EFFECTS:
@@ -149,3 +181,58 @@ def sorts(effect: Effect) -> set[str]:
     if "unloading" in effect.needs:
         return {"branch", "load"}
     return {"angle"} if "positions" in effect.needs else {"load"}
+
+
+def standing(found: Search, withdrawn: dict[str, str]) -> tuple[Search, dict[str, str]]:
+    """The search without the names that do not stand, refitted."""
+    if not withdrawn:
+        return found, {}
+    kept = tuple(n for n in found.named if n.tested.suspect.name not in withdrawn)
+    effects = [n.effect for n in kept]
+    try:
+        solution = found.bench.fit(effects)
+    except UntrustworthyError as error:
+        names = {n.tested.suspect.name: f"without the others the model cannot be fitted: {error}" for n in kept}
+        return standing(found, withdrawn | names)
+    return replace(found, named=kept, solution=solution, left=found.bench.left(effects)), withdrawn
+
+
+def doubtful_names(found: Search, before: HeldOut, after: HeldOut, noise_ratio: float) -> dict[str, str]:
+    """Names that stand for something else: where most of the gap remains, only a missing spring is still believed.
+
+    What is no form of the catalogue is soaked up by several forms that each resemble a part of it, and the gap stays open. A
+    spring that a model lacks is real beside whatever else is missing.
+    """
+    closed = closed_share(before, after, noise_ratio)
+    if min(p_of_fit(found.left, noise_ratio), after.p_value) > _NOT_NOISE or closed >= _MOSTLY:
+        return {}
+    return {
+        n.tested.suspect.name: f"with it only {100 * max(closed, 0.0):.0f} % of the gap on unseen experiments closes; something else is there"
+        for n in found.named
+        if not isinstance(n.effect, Spring)
+    }
+
+
+def unrefuted(found: Search, o_held: Observations, noise_ratio: float) -> tuple[Search, dict[str, str]]:
+    """The search less names that readings which took no part speak against, the worst first.
+
+    Of hundreds of suspects one may look good by chance, or stand for what only these postures show: then it makes unseen
+    postures worse.
+    """
+    gone: dict[str, str] = {}
+    while found.named:
+        own = held_out(found.solution, o_held, noise_ratio)[0].surprise
+        against = {}
+        for n in found.named:
+            try:
+                others = found.bench.fit([m.effect for m in found.named if m is not n])
+            except UntrustworthyError:
+                continue
+            against[n.tested.suspect.name] = own - held_out(others, o_held, noise_ratio)[0].surprise
+        worst = max(against, key=against.__getitem__, default=None)
+        if worst is None or against[worst] <= _AGAINST:
+            break
+        why = f"readings that took no part are predicted worse with it (twice the log of their density falls by {against[worst]:.1f})"
+        found, more = standing(found, {worst: why})
+        gone |= more
+    return found, gone

@@ -126,7 +126,7 @@ def remaining(scene: Scene, residual: Array, seen: Array) -> Remaining:
 def try_all(left: Remaining, found: list[Suspect], seed: int) -> Round:
     """Test every suspect against what a fitted model leaves."""
     faults: dict[str, str] = {}
-    rests = {suspect.name: _rests(left, suspect, faults) for suspect in found}
+    rests = {suspect.name: rests_of(left, suspect, faults) for suspect in found}
     if left.dof <= _LEAST_DOF:
         return Round([], [], faults, 0.0, left.per_dof)
     bases = {name: tuple(basis_of(S) for S in own) for name, own in rests.items()}
@@ -164,7 +164,7 @@ def _with_gain(t: Tested, gain: Gain, rests: Sequence[Array]) -> Tested:
     return replace(t, gain=searched, own_gain=searched if len(rests) == 1 else gain.of([rests[t.variant]]))
 
 
-def _rests(left: Remaining, suspect: Suspect, faults: dict[str, str]) -> tuple[Array, ...]:
+def rests_of(left: Remaining, suspect: Suspect, faults: dict[str, str]) -> tuple[Array, ...]:
     """What is left of every variant's columns; nothing, and the reason in `faults`, if it cannot be tried."""
     out = []
     for effect in suspect.variants:
