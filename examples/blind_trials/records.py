@@ -55,6 +55,8 @@ class Record:
     ----------
     said
         Per named effect everything it may be, its own name first.
+    warned
+        Per named effect whether the answer says that something outside the catalogue would do about as well.
     classes
         The oracle's class of hidden effects, where it was computed.
     nearest
@@ -69,6 +71,7 @@ class Record:
     hidden: tuple[Truth, ...]
     verdict: str
     said: tuple[tuple[str, ...], ...]
+    warned: tuple[bool, ...]
     untestable: frozenset[str]
     level: float
     p_after: float | None
@@ -145,6 +148,7 @@ def _record(data: dict[str, Any]) -> Record:
         hidden,
         d["verdict"],
         said,
+        tuple(bool(e.get("outside_the_catalogue_as_good")) for e in d["effects"]),
         frozenset(f"{u['kind']} at {u['where']}" for u in d["untestable"]),
         data["level"],
         d["gap"]["held_out_p_value_after"],

@@ -139,7 +139,8 @@ def unknown(records: list[Record]) -> str:
         for strong in (False, True):
             own = [(r, t) for r, t in cases if t.kind == kind and (r.outside(t) >= 5) == strong]
             if own:
-                confident = sum(r.verdict == "explained" and bool(r.said) for r, _ in own)
+                confident = sum(r.verdict == "explained" and not all(r.warned) for r, _ in own)
+                warned = sum(r.verdict == "explained" and bool(r.said) and all(r.warned) for r, _ in own)
                 partly = sum(r.verdict == "partly_explained" and bool(r.said) for r, _ in own)
                 verdicts = Counter(r.verdict for r, _ in own)
                 names = Counter(e[0].split(" at ")[0] for r, _ in own for e in r.said)
@@ -148,13 +149,15 @@ def unknown(records: list[Record]) -> str:
                         f"{kind}, {'5 sigma and more unlike anything known' if strong else 'less'}",
                         len(own),
                         share(confident, len(own)),
+                        warned,
                         partly,
                         ", ".join(f"{v} {n}" for v, n in verdicts.items()),
                         ", ".join(f"{v} {n}" for v, n in names.items()),
                     ]
                 )
     return table(
-        ["outside the catalogue", "trials", "named with confidence", "named in part", "verdicts", "names"], rows
+        ["outside the catalogue", "trials", "named with confidence", "with a warning", "in part", "verdicts", "names"],
+        rows,
     )
 
 
