@@ -35,11 +35,13 @@ def rows_of(jobs: Sequence[Job], states: Mapping[str, State], folder: Path) -> l
 def scalars(result: dict[str, Any], before: str = "") -> Iterator[tuple[str, Any]]:
     """Numbers, truth values and short texts with the keys to them ("fit.residual_rms_mm"); `effects` as one text.
 
-    Where files come from is no result: `provenance` is left out.
+    What files came from and what they are is no result: `provenance` and `format` are left out.
     """
     for key, value in result.items():
         name = f"{before}{key}"
-        if isinstance(value, dict) and name != "provenance":
+        if name in ("provenance", "format"):
+            continue
+        if isinstance(value, dict):
             yield from scalars(value, f"{name}.")
         elif name == "effects" and isinstance(value, list) and all(isinstance(e, dict) and "kind" in e for e in value):
             yield name, "; ".join(map(_named, value))
