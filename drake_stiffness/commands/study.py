@@ -89,14 +89,18 @@ def _progress(begun: Begun) -> Iterator[Callable[[State], None]]:
     console = Console(stderr=True)
     total, started, ended = len(begun.tasks), time.monotonic(), 0
     columns = (MofNCompleteColumn(), BarColumn(), TimeElapsedColumn(), TextColumn("left"), TimeRemainingColumn())
-    with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as bar:
+    shown = console.is_terminal
+    # Jobs may take hours: the time expected goes by all that have ended, not by those of the last half minute.
+    with Progress(
+        *columns, console=console, transient=True, disable=not shown, speed_estimate_period=float("inf")
+    ) as bar:
         task = bar.add_task("", total=total)
 
         def tell(state: State) -> None:
             nonlocal ended
             ended += 1
             bar.advance(task)
-            if not console.is_terminal:
+            if not shown:
                 left = (time.monotonic() - started) / ended * (total - ended)
                 took = "" if state.seconds is None else f" after {state.seconds:.1f} s"
                 say(
