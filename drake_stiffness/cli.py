@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 import os
 import sys
+import traceback
 
 import typer
 
@@ -24,6 +25,7 @@ from drake_stiffness.commands.shop import shop
 from drake_stiffness.commands.simulate import simulate
 from drake_stiffness.commands.single_link import single_link
 from drake_stiffness.commands.stiffness_map import stiffness_map
+from drake_stiffness.commands.study import study
 from drake_stiffness.errors import InputError, UntrustworthyError
 
 # The matrices here are small: a second BLAS thread costs more than it brings, several times more on a busy machine.
@@ -52,31 +54,45 @@ app.command("map")(stiffness_map)
 app.command("single-link")(single_link)
 app.command("shop")(shop)
 app.command("import")(import_)
+app.command("study")(study)
 
 
 def main() -> None:
     """Entry point: runs a command and turns what goes wrong into exit codes; no traceback reaches a user."""
+    code, words = run()
+    if words:
+        say(words)
+    sys.exit(code)
+
+
+def run(arguments: list[str] | None = None) -> tuple[int, str]:
+    """Run a command line; its exit code and what went wrong in words (nothing if typer has said it already).
+
+    Parameters
+    ----------
+    arguments
+        The words after `drake-stiffness`; those of this process if left out.
+    """
     _log_to_stderr()
     try:
-        app()
+        app(arguments)
+    except SystemExit as end:  # typer's end of every command
+        return end.code if isinstance(end.code, int) else 0, ""
     except InputError as error:
-        say(f"error: {error}")
-        sys.exit(2)
+        return 2, f"error: {error}"
     except UntrustworthyError as error:
-        say(f"not trustworthy: {error}")
-        sys.exit(3)
+        return 3, f"not trustworthy: {error}"
     except KeyboardInterrupt:
-        say("interrupted")
-        sys.exit(130)
+        return 130, "interrupted"
     except Exception as error:
         # The one place that catches everything: a traceback is for us, not for users.
         if os.environ.get("DRAKE_STIFFNESS_DEBUG"):
-            raise
-        say(
+            traceback.print_exc()
+        return 1, (
             f"fault: {type(error).__name__}: {error}. This is a fault of drake-stiffness, not of your input; run again with "
             "DRAKE_STIFFNESS_DEBUG=1 and report what it prints."
         )
-        sys.exit(1)
+    return 0, ""
 
 
 class _Warnings(logging.Handler):

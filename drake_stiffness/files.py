@@ -8,6 +8,7 @@ import math
 import os
 import re
 import tempfile
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -113,7 +114,7 @@ def read_yaml(path: Path, document: type[D], what: str) -> D:
         if loader is not None:
             loader.dispose()
     if not isinstance(content, dict):
-        raise InputError(f"{path}: found {_short(content)}; expected {what}, that is keys with values.")
+        raise InputError(f"{path}: found {short(content)}; expected {what}, that is keys with values.")
     try:
         return document.model_validate(content, context={"folder": path.parent})
     except ValidationError as error:
@@ -132,10 +133,9 @@ def _teach(path: Path, error: ValidationError, document: type[Document]) -> str:
         keys = ".".join(str(part) for part in finding["loc"]) or "(top level)"
         if finding["type"] == "extra_forbidden":
             known = _known_keys(document, finding["loc"][:-1])
-            near = _nearest(str(finding["loc"][-1]), known)
-            hint = f" Did you mean '{near}'?" if near else ""
             lines.append(
-                f"{path}: {keys}: unknown key (value {_short(finding['input'])}).{hint} Known keys: {', '.join(known)}."
+                f"{path}: {keys}: unknown key (value {short(finding['input'])}).{did_you_mean(str(finding['loc'][-1]), known)} "
+                f"Known keys: {', '.join(known)}."
             )
         elif finding["type"] == "missing":
             lines.append(f"{path}: {keys}: missing; add the key '{finding['loc'][-1]}'{_unit(finding['loc'])}.")
@@ -147,7 +147,7 @@ def _teach(path: Path, error: ValidationError, document: type[Document]) -> str:
                 .replace("input should be", "expected")
             )
             lines.append(
-                f"{path}: {keys}: found {_short(finding['input'])}; {message[0].lower() + message[1:]}{_unit(finding['loc'])}. Mend this value."
+                f"{path}: {keys}: found {short(finding['input'])}; {message[0].lower() + message[1:]}{_unit(finding['loc'])}. Mend this value."
             )
     return "\n".join(lines)
 
@@ -176,15 +176,16 @@ def _known_keys(document: type[Document], location: tuple[int | str, ...]) -> li
     return [field.alias or name for name, field in getattr(here, "model_fields", {}).items()]
 
 
-def _nearest(word: str, known: list[str]) -> str | None:
-    """The known word most like this one, a wrong unit suffix included (`mass_g` for `mass_kg`)."""
+def did_you_mean(word: str, known: Iterable[str]) -> str:
+    """A question for the known word most like this one, a wrong unit suffix included (`mass_g` for `mass_kg`), or nothing."""
     import difflib
 
-    found = difflib.get_close_matches(word, known, n=1, cutoff=0.6)
-    return found[0] if found else None
+    found = difflib.get_close_matches(word, list(known), n=1, cutoff=0.6)
+    return f" Did you mean '{found[0]}'?" if found else ""
 
 
-def _short(value: object) -> str:
+def short(value: object) -> str:
+    """A value as it was found, not too long for a message."""
     text = repr(value)
     return text if len(text) <= 60 else text[:57] + "..."
 

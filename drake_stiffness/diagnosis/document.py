@@ -30,6 +30,7 @@ def diagnosis_document(d: Diagnosis, sigma: dict[str, float], plan: dict[str, An
     return {
         "format": FORMAT,
         "verdict": d.verdict,
+        "level": d.search.first.level,
         "effects": [_entry(d, n, sigma) for n in d.search.named] + [_outlier(x) for x in d.outliers],
         "gap": {
             "noise_rms_mm": float(np.sqrt(3)) * o.sigma_p * 1e3,

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import importlib.util
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 from functools import lru_cache
 from importlib.metadata import entry_points
 from pathlib import Path
@@ -99,6 +101,18 @@ def load_kinds(path: Path | str) -> tuple[str, ...]:
             "the class (docs/effects.md shows one)."
         )
     return found
+
+
+@contextmanager
+def kinds_forgotten() -> Iterator[None]:
+    """What is registered within is forgotten afterwards: one process may do jobs with kinds of their own."""
+    before = dict(_registered)
+    try:
+        yield
+    finally:
+        _registered.clear()
+        _registered.update(before)
+        effect_kinds.cache_clear()
 
 
 def _line(error: Exception, path: Path) -> str:

@@ -57,6 +57,7 @@ def test_friction_that_another_law_made_is_found_at_its_joint_and_closes_the_gap
     document = found.document
     assert document["verdict"] == "explained"
     (entry,) = document["effects"]
+    assert entry["evidence"]["p_value"] < document["level"] < 0.01
     assert (entry["kind"], entry["where"], entry["confounded_with"]) == ("joint_hysteresis", "joint_3", [])
     # The plant: 0.135 urad/(N m) behind friction that breaks away at 400 N m.
     assert entry["parameters"]["amplitude"]["value"] == pytest.approx(0.135e-6 * 400, rel=0.1)

@@ -76,6 +76,14 @@ def test_the_same_file_twice_is_one_kind():
     assert load_kinds(EXAMPLE / "joint_creep.py") == load_kinds(EXAMPLE / "joint_creep.py")
 
 
+def test_what_one_job_registers_the_next_in_its_process_does_not_know():
+    with catalogue.kinds_forgotten():
+        load_kinds(EXAMPLE / "joint_creep.py")
+        assert "joint_creep" in catalogue.effect_kinds()
+    assert "joint_creep" not in catalogue.effect_kinds()
+    assert not catalogue._registered
+
+
 WRONG = {
     "nothing registered": ("x = 1\n", "registers no kind"),
     "a fault on a line": ("x = 1\ny = x / 0\n", "line 2: the file fails with ZeroDivisionError"),
