@@ -194,7 +194,7 @@ def _search(
         if postures < ENOUGH_POSTURES:
             last = _by_p_value(last)
         first = first or last
-        chosen = most_convincing([t for t in last.passed if may_join(t, named, first, last)])
+        chosen = most_convincing([t for t in last.passed if may_join(t, named, first, last)], left.r)
         # A few postures hold no more: what is left of a gap that is closed may be what the first name's form misses.
         closed = bool(changes) and _closed(whole, left) >= _EXPLAINED
         if chosen is None or closed or len(changes) == MOST_EFFECTS:

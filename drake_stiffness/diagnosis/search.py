@@ -151,10 +151,6 @@ class Bench:
                 self._left[key] = left.with_columns(np.hstack([left.rest(e) for e in effects]))
         return self._left[key]
 
-    def alone(self, named: Sequence[Named]) -> Array | None:
-        """What the base model leaves, where nothing is named."""
-        return None if named else self.left(()).r
-
     def round(self, effects: Sequence[Effect], barred: set[str]) -> Round:
         """All suspects that are not barred against what that fit leaves."""
         present = {(e.kind, e.where) for e in (*self.base.model.effects, *effects)}
@@ -191,7 +187,7 @@ def search(bench: Bench, known: Sequence[Named] = (), barred: frozenset[str] = f
         able = [t for t in last.passed if t.suspect.name not in barred and may_join(t, named, first, last)]
         if len(named) == MOST_EFFECTS:  # what is named may still be completed
             able = [t for t in able if isinstance(t.suspect, Further)]
-        chosen = most_convincing(able, bench.alone(named))
+        chosen = most_convincing(able, bench.left(_effects(named)).r)
         if chosen is None:
             break
         joined = bench.join(named, chosen, last)
@@ -223,22 +219,20 @@ def weighed(found: Search, known: Sequence[Named] = (), barred: frozenset[str] =
     return weighed(search(found.bench, [n for n in named if n is not worst], barred), (), barred)
 
 
-def most_convincing(passed: Sequence[Tested], r: Array | None = None) -> Tested | None:
+def most_convincing(passed: Sequence[Tested], r: Array) -> Tested | None:
     """The simplest of those that gain nearly as much as the best; None if nothing gains.
 
     Parameters
     ----------
-    r : (rows,), optional
-        What the base model leaves, where nothing is named yet. A weak effect with a constant to search - which of 60 harmonics? -
+    r : (rows,)
+        What the model leaves. A weak effect with a constant to search - which of 60 harmonics? -
         is significant before four fifths of the experiments agree on that constant. So where nothing gains with the constant
         chosen fold by fold, one that gains with its own counts, unless other constants do nearly as well.
     """
     able = [t for t in passed if t.gain > 0]
-    if not able and r is not None:
+    if not able:
         able = sorted((t for t in passed if t.own_gain > 0 and not is_sponge(r, t)), key=lambda t: t.p_value)
         return able[0] if able else None
-    if not able:
-        return None
     near = [t for t in able if t.gain >= _NEARLY_AS_GOOD * able[0].gain]
     return min(near, key=lambda t: (len(t.effect.parameters), -t.gain))
 
@@ -292,7 +286,7 @@ def _hold_up_again(bench: Bench, named: list[Named], faults: dict[str, str]) -> 
     for old in list(named[:-1]):
         rest = [n for n in named if n is not old]
         around = bench.round(_effects(rest), _names(rest) | set(faults))
-        best = most_convincing(around.passed, bench.alone(rest))
+        best = most_convincing(around.passed, bench.left(_effects(rest)).r)
         if best is None:
             named = rest
             continue

@@ -80,7 +80,9 @@ def confusion(cases: list[Case]) -> str:
 
 
 def power_table(cases: list[Case], label: str, key: str) -> str:
-    """Share found against what the oracle finds."""
+    """Share found against what the oracle finds: its power on average, and its test of one column on the readings of these trials."""
+    from scipy.stats import norm
+
     rows = []
     groups: dict[str, list[Case]] = {}
     for r, t in cases:
@@ -92,11 +94,13 @@ def power_table(cases: list[Case], label: str, key: str) -> str:
         told = [power(t.alone, t.parameters, r.level) for r, t in own]
         kept = [power(t.alone * t.sigma_kept / t.sigma, t.parameters, r.level) for r, t in own]
         one = [power(t.alone * t.sigma_kept / t.sigma, 1, r.level) for r, t in own]
+        same = sum(abs(t.z_kept) > norm.isf(r.level / 2) for r, t in own)
         rows.append(
             [
                 name,
                 share(found, len(own)),
                 *(f"{100 * np.mean(p):.0f} %" for p in (kept, one, told)),
+                f"{same}/{len(own)}",
                 f"{100 * (found / len(own) - np.mean(kept)):+.0f}",
             ]
         )
@@ -106,6 +110,7 @@ def power_table(cases: list[Case], label: str, key: str) -> str:
         "oracle, fitted data",
         "oracle of one column, fitted data",
         "oracle, all data",
+        "oracle's test of these very readings",
         "points apart",
     ]
     return table(head, rows)
