@@ -7,9 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from drake_stiffness.diagnosis.evidence import left_over
-from drake_stiffness.diagnosis.generic import Process, families
+from drake_stiffness.diagnosis.generic import Process
 from drake_stiffness.diagnosis.naming import Remaining
-from drake_stiffness.diagnosis.signatures import Scene, signature
+from drake_stiffness.diagnosis.signatures import signature
 from drake_stiffness.effects import Effect
 from drake_stiffness.identification import Solution
 from drake_stiffness.observation import Observations, columns, measured, predicted
@@ -128,7 +128,6 @@ def _explained(left: Remaining, S: Array) -> float:
     return float((rest.T @ left.r) @ np.linalg.lstsq(rest.T @ rest, rest.T @ left.r, rcond=1e-12)[0])
 
 
-def still_explainable(process: Process, solution: Solution, o: Observations, residual: Array) -> float:
+def still_explainable(process: Process, o: Observations, residual: Array) -> float:
     """Squared sigma of held-out readings that a Gaussian process of the remainder predicts; negative if it misleads."""
-    guess = process.predict(families(Scene(solution.model, o)))
-    return float(residual @ residual) - float(((residual - guess) ** 2).sum())
+    return float(residual @ residual) - float(((residual - process.predict(o)) ** 2).sum())

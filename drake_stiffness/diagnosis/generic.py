@@ -14,7 +14,7 @@ import numpy as np
 
 from drake_stiffness.diagnosis.naming import Remaining
 from drake_stiffness.diagnosis.signatures import Scene
-from drake_stiffness.observation import whitened
+from drake_stiffness.observation import Observations, columns, whitened
 from drake_stiffness.rotations import Array
 
 _ROUNDS = 30
@@ -54,13 +54,21 @@ _HARMONICS = (1, 2, 3)
 _SMALL = 1e-5  # rad or m: a deflection whose effect is linear
 
 
-def families(scene: Scene) -> list[Family]:
-    """Generic columns of every joint, of the load and of the tracker."""
+def families(scene: Scene, like: Scene | None = None) -> list[Family]:
+    """Generic columns of every joint, of the load and of the tracker.
+
+    Parameters
+    ----------
+    like : Scene, optional
+        Whose torques, forces and times are the units, and whose times decide whether time is looked at: for readings that a process
+        fitted to others is asked of.
+    """
     arm, cases = scene.model.structure.arm, scene.cases
+    like = like or scene
     out = []
     for i, name in enumerate(arm.joint_names):
         tau, weight = scene.carried.tau_joint[i], scene.carried.weight_joint[i]
-        t = tau / max(float(np.sqrt((tau**2).mean())), 1e-12)
+        t = tau / max(float(np.sqrt((like.carried.tau_joint[i] ** 2).mean())), 1e-12)
         angle = cases.q[i] * (2 * np.pi if arm.prismatic[i] else 1.0)
         waves = [wave(n * angle) for n in _HARMONICS for wave in (np.sin, np.cos)]
         of_load = [(what, f(t)) for what, f in _OF_TORQUE]
@@ -71,7 +79,7 @@ def families(scene: Scene) -> list[Family]:
         if not scene.o.displacement:
             of_angle = [("periodic in the angle, load or no load", wave) for wave in waves]
             out.append(_family(scene, i, name, "angle", of_angle))
-    return [*out, _pull(scene), *_wander(scene)]
+    return [*out, _pull(scene, like), *_wander(scene, like)]
 
 
 def _family(scene: Scene, joint: int, name: str, sort: str, functions: list[tuple[str, Array]]) -> Family:
@@ -79,11 +87,12 @@ def _family(scene: Scene, joint: int, name: str, sort: str, functions: list[tupl
     return Family(name, sort, tuple(what for what, _ in functions), whitened(scene.o, changes))
 
 
-def _pull(scene: Scene) -> Family:
+def _pull(scene: Scene, like: Scene) -> Family:
     """Displacements proportional to the force, in world axes and in those of the flange: a load that is not what was stated."""
     m = scene.o.measurements
     force, R = scene.cases.wrench[:3, m.case], scene.poses.R_E[:, :, m.case]
-    size = max(float(np.sqrt((force**2).sum(axis=0).mean())), 1e-12)
+    usual = like.cases.wrench[:3, like.o.measurements.case]
+    size = max(float(np.sqrt((usual**2).sum(axis=0).mean())), 1e-12)
     turned = np.einsum("jin,jn->in", R, force)
     parts, shapes = [], []
     for place in ("world", "flange"):
@@ -113,11 +122,12 @@ def branch_of(load: Array, scene: Scene) -> Array:
     return out
 
 
-def _wander(scene: Scene) -> list[Family]:
-    time = scene.cases.time_s
+def _wander(scene: Scene, like: Scene) -> list[Family]:
+    time = like.cases.time_s
     if not time.size or not np.isfinite(time).all() or np.ptp(time) == 0:
         return []
-    t = 2 * (time - time.min()) / np.ptp(time) - 1
+    # A time that is missing among other readings stands in the middle.
+    t = np.nan_to_num(2 * (scene.cases.time_s - time.min()) / np.ptp(time) - 1)
     m = scene.o.measurements
     parts, shapes = [], []
     for power in (1, 2, 3):
@@ -135,8 +145,12 @@ class Process:
 
     Attributes
     ----------
+    scene : Scene
+        Model and readings that it is fitted to.
     weight : (k,)
         Posterior mean of the columns' coefficients.
+    absorbed : (n,)
+        By how much the model's own parameters, in units of scale, take up what the process says of those readings.
     share : (families,)
         Squared size of what each family explains on the fitted readings beyond what it would explain of noise, in sigma^2.
     families : list of Family
@@ -146,7 +160,9 @@ class Process:
         Degrees of freedom of that.
     """
 
+    scene: Scene
     weight: Array
+    absorbed: Array
     share: Array
     families: list[Family]
     floor: float
@@ -162,9 +178,11 @@ class Process:
             )
         )
 
-    def predict(self, found: list[Family]) -> Array:
-        """What it says of other readings, from their families, in units of noise."""
-        return np.hstack([f.columns for f in found]) @ self.weight
+    def predict(self, o: Observations) -> Array:
+        """What it says of other readings, in units of noise, beside what the model's own parameters took up of it."""
+        model = self.scene.model
+        said = np.hstack([f.columns for f in families(Scene(model, o), self.scene)]) @ self.weight
+        return np.asarray(said - columns(o, model) @ self.absorbed)
 
 
 def _inverse(A: Array) -> Array:
@@ -178,10 +196,17 @@ def _inverse(A: Array) -> Array:
     return np.asarray(half + np.tril(half, -1).T)
 
 
-def fit_process(left: Remaining) -> Process:
-    """Posterior mean with family variances by maximum evidence (EM), at the noise the data show."""
+def fit_process(left: Remaining, seen: Array) -> Process:
+    """Posterior mean with family variances by maximum evidence (EM), at the noise the data show.
+
+    Parameters
+    ----------
+    seen : (n, r)
+        Directions of the model's own parameters that were fitted, in units of scale.
+    """
     found = families(left.scene)
-    X = left.beside(np.hstack([f.columns for f in found]))
+    whole = np.hstack([f.columns for f in found])
+    X = left.beside(whole)
     noise = max(1.0, left.per_dof)
     G, b = X.T @ X, X.T @ left.r
     sizes = [f.columns.shape[1] for f in found]
@@ -202,4 +227,6 @@ def fit_process(left: Remaining) -> Process:
         noise = max(float(((left.r - X @ mean) ** 2).sum()) / rest_dof, 1e-12)
     share = np.array([float(((X[:, family == k] @ mean[family == k]) ** 2).sum()) for k in range(len(found))])
     share = np.maximum(share - noise * np.bincount(family, taken), 0.0)
-    return Process(mean, share, found, noise, rest_dof)
+    A = columns(left.scene.o, left.scene.model) @ seen
+    absorbed = seen @ np.linalg.lstsq(A, whole @ mean, rcond=1e-9)[0]
+    return Process(left.scene, mean, absorbed, share, found, noise, rest_dof)

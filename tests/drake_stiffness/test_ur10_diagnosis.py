@@ -60,7 +60,7 @@ def test_joints_that_weight_does_not_turn_show_no_compliance(first_round):
 def test_one_reflector_and_no_repeats_still_show_that_the_stated_noise_is_too_small(first_round):
     bench = first_round[0]
     assert noise_shown(Scene(bench.base.model, bench.o), bench.base.residual).dof <= 0
-    shown = noise_of_remainder(fit_process(bench.left(())), bench.o.sigma_p)
+    shown = noise_of_remainder(fit_process(bench.left(()), bench.base.identifiability.seen), bench.o.sigma_p)
     assert shown.implausible
     assert 1.8 < shown.ratio < 2.7
 
