@@ -292,12 +292,15 @@ def _check_one_posture(table: Table, arm: Arm, cases: Cases, names: list[str]) -
 
 def _warn_of_limits(table: Table, arm: Arm, cases: Cases, lead: NDArray[np.int_]) -> None:
     outside = (cases.q < arm.lower[:, None] - 1e-9) | (cases.q > arm.upper[:, None] + 1e-9)
-    for joint, case in zip(*np.nonzero(outside), strict=True):
+    for joint in np.flatnonzero(outside.any(axis=1)):
         scale, unit = (1e3, "mm") if arm.prismatic[joint] else (180 / np.pi, "deg")
+        cases_out = np.flatnonzero(outside[joint])
+        case = cases_out[0]
         log.warning(
-            "%s, line %d: joint '%s' stands at %.6g %s, outside its limits %.6g .. %.6g.",
+            "%s, line %d: joint '%s' stands at %.6g %s, outside its limits %.6g .. %.6g%s.",
             table.path, table.lines[lead[case]], arm.joint_names[joint],
             cases.q[joint, case] * scale, unit, arm.lower[joint] * scale, arm.upper[joint] * scale,
+            f"; so it does in {cases_out.size - 1} further steps" if cases_out.size > 1 else "",
         )  # fmt: skip
 
 

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from drake_stiffness.campaign import HoldOut, Measurements
+from drake_stiffness.diagnosis.bench import Bench, Named
 from drake_stiffness.diagnosis.confirmation import HeldOut, held_out, placebo_share, still_explainable
 from drake_stiffness.diagnosis.doubts import (
     NO_CHANCE,
@@ -27,7 +28,7 @@ from drake_stiffness.diagnosis.naming import Remaining, remaining
 from drake_stiffness.diagnosis.outliers import MOST, Outlier, find_outlier, without
 from drake_stiffness.diagnosis.prior import WithPrior
 from drake_stiffness.diagnosis.rigidity import NoiseShown, noise_of_remainder, noise_shown
-from drake_stiffness.diagnosis.search import Bench, Named, Search, search, weighed
+from drake_stiffness.diagnosis.search import Search, search, weighed
 from drake_stiffness.diagnosis.signatures import Scene
 from drake_stiffness.diagnosis.suspects import Untestable, separate_untestable, suspects
 from drake_stiffness.diagnosis.verdict import Verdict, judge, with_doubts

@@ -6,11 +6,12 @@ from typing import Any
 
 import numpy as np
 
+from drake_stiffness.diagnosis.bench import Named
 from drake_stiffness.diagnosis.detection import Limit, detection_limits
 from drake_stiffness.diagnosis.diagnosis import Diagnosis, gap_mm
 from drake_stiffness.diagnosis.evidence import Tested
 from drake_stiffness.diagnosis.growth import Further
-from drake_stiffness.diagnosis.search import MOST_EFFECTS, Named
+from drake_stiffness.diagnosis.search import MOST_EFFECTS
 from drake_stiffness.diagnosis.suspects import suspects
 
 FORMAT = "drake-stiffness-diagnosis/1"
@@ -61,16 +62,17 @@ def _entry(d: Diagnosis, n: Named, sigma: dict[str, float]) -> dict[str, Any]:
     model = d.search.solution.model
     place = next(i for i, e in enumerate(model.effects) if e is n.effect)
     values = model.values[place]
-    name = n.tested.suspect.name
+    name, loose = n.tested.suspect.name, n.effect.conventional
     share, placebos = d.placebos.get(name, (float("nan"), 0))
     return {
         "kind": n.effect.kind,
         "where": n.effect.where,
         "settings": n.effect.settings(),
         "parameters": {
-            p.name: {"value": float(v), "unit": p.unit, "sigma": sigma.get(full)}
+            p.name: {"value": float(v), "unit": p.unit, "sigma": None if p.name in loose else sigma.get(full)}
             for p, v, full in zip(n.effect.parameters, values, n.effect.names, strict=True)
         },
+        "derived": {key: {"value": v, "unit": unit} for key, (v, unit) in n.effect.derived(values).items()},
         "evidence": {
             "sigma": float(np.sqrt(max(n.tested.explained, 0.0))),
             "explained_chi2": n.tested.explained,

@@ -7,12 +7,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from drake_stiffness.diagnosis.bench import Named
 from drake_stiffness.diagnosis.confirmation import HeldOut, held_out
 from drake_stiffness.diagnosis.evidence import Tested, basis_of, left_over
 from drake_stiffness.diagnosis.generic import Process
 from drake_stiffness.diagnosis.naming import Remaining, best_variant, rests_of
 from drake_stiffness.diagnosis.outliers import Outlier
-from drake_stiffness.diagnosis.search import MOST_EFFECTS, Named, Search
+from drake_stiffness.diagnosis.search import MOST_EFFECTS, Search
 from drake_stiffness.diagnosis.strangers import Likeness, likeness, score, strangers
 from drake_stiffness.diagnosis.suspects import Suspect
 from drake_stiffness.diagnosis.verdict import closed_share, p_of_fit
@@ -59,11 +60,19 @@ def stand_ins(found: Search, left_base: Remaining) -> tuple[dict[str, str], dict
         others = [m for m in found.named if m is not n]
         best = likeness(without(left_base, others) if others else left_base, forms, noise)[0]
         own = max(t.explained / noise - _cost(found, t) for t in (n.tested, *n.confounded))
+        # A strong effect explains more once it is fitted than to first order.
+        own = max(own, (_squares(found, others) - _squares(found, found.named)) / noise - _cost(found, n.tested))
         if best.score > own + _CLEARLY:
             out[name] = _why(best, n.tested.explained, 1)
         elif best.score > own - _CLEARLY:
             as_good[name] = best.what
     return out, as_good
+
+
+def _squares(found: Search, named: Sequence[Named]) -> float:
+    """Squared sigma that the model with some of the names leaves."""
+    r = found.bench.left([n.effect for n in named]).r
+    return float(r @ r)
 
 
 def without(left: Remaining, named: Sequence[Named]) -> Remaining:

@@ -35,6 +35,8 @@ _LEAST_DOF = 10
 # Variants whose signatures correlate by less than this are of another shape; one of them explaining this share of the best
 # means that the best is no discovery.
 _ANOTHER_SHAPE, _NEARLY = 0.6, 0.6
+# Who explains less than this share of what the chosen one does, its bounds respected, is not of its class, whatever its columns span.
+_SOMETHING = 0.1
 
 
 @dataclass(frozen=True, eq=False)
@@ -169,7 +171,7 @@ def rests_of(left: Remaining, suspect: Suspect, faults: dict[str, str]) -> tuple
     out = []
     for effect in suspect.variants:
         try:
-            rest = left.rest(effect)
+            rest = left.rest(effect) if left.scene.shows(effect) else np.zeros((left.r.size, len(effect.parameters)))
         except Exception as error:
             # A candidate is anybody's code: it fails alone, the run goes on, and the report says so.
             faults[suspect.name] = f"{type(error).__name__}: {error}"
@@ -249,7 +251,7 @@ def confounded_with(chosen: Tested, others: list[Tested], per_dof: float) -> lis
     same = []
     size = max(float(np.linalg.norm(chosen.fit)), 1e-300)
     for other in others:
-        if other.suspect.name == chosen.suspect.name:
+        if other.suspect.name == chosen.suspect.name or other.explained < _SOMETHING * chosen.explained:
             continue
         correlation = max(float(np.linalg.norm(Q.T @ chosen.fit)) / size for Q in other.bases)
         outside = other.fit - chosen.basis @ (chosen.basis.T @ other.fit)

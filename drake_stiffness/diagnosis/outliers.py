@@ -75,7 +75,7 @@ def find_outlier(left: Remaining, best_gain: float, noise_ratio: float) -> Outli
         own = np.flatnonzero(experiment == e)
         if not own.size:
             continue
-        whole = _tests(left, rows[own].ravel(), name, total, mistakes[rows[own].ravel()])
+        whole = _tests(left, rows[own].ravel(), str(name), total, mistakes[rows[own].ravel()])
         steps = []
         for c in np.unique(m.case[own]):
             here = rows[own[m.case[own] == c]].ravel()
@@ -90,7 +90,8 @@ def find_outlier(left: Remaining, best_gain: float, noise_ratio: float) -> Outli
             found += [w for w in whole if w.p_value * tests < _LEVEL]
     if not found:
         return None
-    best = max(found, key=lambda f: f.excess)
+    # What a mistake of few unknowns explains counts for more than what many numbers of one's own do.
+    best = max(found, key=lambda f: f.excess - f.unknowns)
     # Both in units of the stated noise: what the outlier has too much, and what is too much in all.
     enough = max(_SHARE * beyond, best_gain * left.per_dof)
     return best if best.excess * best.noise >= enough else None

@@ -14,11 +14,12 @@ from typing import Literal
 import numpy as np
 
 from drake_stiffness.campaign import Measurements
+from drake_stiffness.diagnosis.bench import Named
 from drake_stiffness.diagnosis.detection import Limit, detection_limits
 from drake_stiffness.diagnosis.evidence import Tested
 from drake_stiffness.diagnosis.naming import Round, confounded_with, refine, try_all
 from drake_stiffness.diagnosis.prior import Changed, Settled, WithPrior, prior_root, settle, stored_columns, with_prior
-from drake_stiffness.diagnosis.search import MOST_EFFECTS, Named, may_join, most_convincing
+from drake_stiffness.diagnosis.search import MOST_EFFECTS, may_join, most_convincing
 from drake_stiffness.diagnosis.signatures import extended
 from drake_stiffness.diagnosis.suspects import Suspect, Untestable, separate_untestable, suspects
 from drake_stiffness.effects.compliance import Spring
@@ -194,7 +195,7 @@ def _search(
         if postures < ENOUGH_POSTURES:
             last = _by_p_value(last)
         first = first or last
-        chosen = most_convincing([t for t in last.passed if may_join(t, named, first, last)], left.r)
+        chosen = most_convincing([t for t in last.passed if may_join(t, named, first, last)], left)
         # A few postures hold no more: what is left of a gap that is closed may be what the first name's form misses.
         closed = bool(changes) and _closed(whole, left) >= _EXPLAINED
         if chosen is None or closed or len(changes) == MOST_EFFECTS:

@@ -6,13 +6,14 @@ rest leaves, and a better one takes its place. So an early guess that stood in f
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
+from drake_stiffness.diagnosis.bench import LATER, Bench, Named, effects_of
 from drake_stiffness.diagnosis.evidence import Tested, basis_of, left_over
-from drake_stiffness.diagnosis.growth import Further, further_suspects, grown, is_more_of, may_grow, together
+from drake_stiffness.diagnosis.growth import Further, is_more_of, may_grow
 from drake_stiffness.diagnosis.naming import (
     Remaining,
     Round,
@@ -20,53 +21,23 @@ from drake_stiffness.diagnosis.naming import (
     confounded_with,
     is_sponge,
     refine,
-    remaining,
     try_all,
 )
-from drake_stiffness.diagnosis.signatures import Scene, extended, signature
+from drake_stiffness.diagnosis.signatures import signature
 from drake_stiffness.diagnosis.suspects import Suspect
-from drake_stiffness.effects import Effect
-from drake_stiffness.errors import InputError, UntrustworthyError
-from drake_stiffness.identification import Solution, identify
-from drake_stiffness.model import Model
-from drake_stiffness.observation import Observations
-from drake_stiffness.rotations import Array
+from drake_stiffness.identification import Solution
 
 # More effects than this at once were never told apart; what is left then is said to be unexplained.
 MOST_EFFECTS = 5
-# The simplest suspect that gains this share of what the best one gains goes first: what it misses shows in the next round.
-_NEARLY_AS_GOOD = 0.8
-# A further name must be this much surer than the first one had to be.
-_LATER = 0.5
+# The simplest suspect that gains this share of what the best one gains goes first: what it misses shows in the next round. But where much is
+# explained a fifth of it is much: what it misses may be no more than these squared sigma, or this share, and two for a parameter.
+_NEARLY_AS_GOOD, _MISSES, _MISSED_SHARE = 0.8, 25.0, 0.01
 # At the place of a named effect: signatures as like as this, and explaining less than this share, are a rest of it.
 _SAME_PHYSICS, _WEAKER = 0.4, 0.3
 # A suspect of the named kind elsewhere that explains this share of it is a rival.
 _RIVAL = 0.5
-# Fits that come to rest at all do so in three to eight iterations; after so many the suspect fails, says so, and the run goes on.
-_MOST_ITERATIONS = 15
 # Effects whose signatures have a correlation above this are held up again once both are there.
 _ALIKE_ABOVE = 0.2
-
-
-@dataclass(frozen=True, eq=False)
-class Named:
-    """An effect that joined the model.
-
-    Attributes
-    ----------
-    effect : Effect
-    tested : Tested
-        The evidence for it with all other named effects in the model.
-    confounded : tuple of Tested
-        What this campaign cannot tell from it.
-    level : float
-        What its p-value had to be below.
-    """
-
-    effect: Effect
-    tested: Tested
-    confounded: tuple[Tested, ...]
-    level: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -108,86 +79,19 @@ class Search:
         return self.bench.found
 
 
-@dataclass(frozen=True, eq=False)
-class Bench:
-    """Fits of a base model with further effects, and rounds against them, each made once.
-
-    Attributes
-    ----------
-    base : Solution
-    o : Observations
-    found : list of Suspect
-    seed : int
-    progress : callable
-    """
-
-    base: Solution
-    o: Observations
-    found: list[Suspect]
-    seed: int
-    progress: Callable[[str], None]
-    _fits: dict[tuple[int, ...], Solution] = field(default_factory=dict)
-    _left: dict[tuple[int, ...], Remaining] = field(default_factory=dict)
-    _rounds: dict[tuple[tuple[int, ...], tuple[str, ...]], Round] = field(default_factory=dict)
-
-    def fit(self, effects: Sequence[Effect]) -> Solution:
-        """The base model and further effects, all parameters together under their constraints."""
-        key = tuple(sorted(id(e) for e in effects))
-        if key not in self._fits:
-            # The fit that shares most effects is a near start.
-            own = {id(e) for e in effects}
-            near = max((self.base, *self._fits.values()), key=lambda f: sum(id(e) in own for e in f.model.effects))
-            self._fits[key] = refit(self.base.model, self.o, effects, near.model) if effects else self.base
-        return self._fits[key]
-
-    def left(self, effects: Sequence[Effect]) -> Remaining:
-        """What that fit leaves; where it does not come to rest, what the effects leave of the base model's rest to first order."""
-        key = tuple(sorted(id(e) for e in effects))
-        if key not in self._left:
-            try:
-                self._left[key] = leaves(self.fit(effects), self.o)
-            except UntrustworthyError:
-                left = self.left(())
-                self._left[key] = left.with_columns(np.hstack([left.rest(e) for e in effects]))
-        return self._left[key]
-
-    def round(self, effects: Sequence[Effect], barred: set[str]) -> Round:
-        """All suspects that are not barred against what that fit leaves."""
-        present = {(e.kind, e.where) for e in (*self.base.model.effects, *effects)}
-        able = [s for s in (*self.found, *further_suspects(effects)) if s.name not in barred]
-        able = [s for s in able if s.makes_sense_beside(present)]
-        key = tuple(sorted(id(e) for e in effects)), tuple(s.name for s in able)
-        if key not in self._rounds:
-            self.progress(f"trying {sum(len(s.variants) for s in able)} variants of {len(able)} suspects")
-            self._rounds[key] = try_all(self.left(effects), able, self.seed)
-        return self._rounds[key]
-
-    def join(self, named: Sequence[Named], t: Tested, around: Round) -> Named | str:
-        """One more effect beside the named ones, constants refined; or why the model with it cannot be fitted."""
-        left = self.left(_effects(named))
-        others = [n.effect for n in named if not is_more_of(t, n.effect)]
-        old = next((n for n in named if is_more_of(t, n.effect)), None)
-        effect = refine(left, t) if old is None else grown(left, t, _LATER * around.level)
-        self.progress(f"adding {t.suspect.name}")
-        try:
-            self.fit([*others, effect])
-        except (InputError, UntrustworthyError) as error:
-            return f"the model with it cannot be fitted: {error}"
-        return Named(effect, t if old is None else together(old.tested, t, effect), (), around.level)
-
-
 def search(bench: Bench, known: Sequence[Named] = (), barred: frozenset[str] = frozenset()) -> Search:
     """Find what is missing in the model of a fit; it starts from `known`, and names nothing that is barred."""
     faults: dict[str, str] = {}
     named = list(known)
     first = bench.round((), set())
     while True:
-        last = bench.round(_effects(named), _names(named) | set(faults))
+        last = bench.round(effects_of(named), _names(named) | set(faults))
         faults |= last.faults
-        able = [t for t in last.passed if t.suspect.name not in barred and may_join(t, named, first, last)]
+        able = [t for t in last.passed if t.suspect.name not in barred]
+        able = [t for t in able if may_join(t, named, first, last) or bench.stays(t, named, last)]
         if len(named) == MOST_EFFECTS:  # what is named may still be completed
             able = [t for t in able if isinstance(t.suspect, Further)]
-        chosen = most_convincing(able, bench.left(_effects(named)).r)
+        chosen = most_convincing(able, bench.left(effects_of(named)))
         if chosen is None:
             break
         joined = bench.join(named, chosen, last)
@@ -199,7 +103,7 @@ def search(bench: Bench, known: Sequence[Named] = (), barred: frozenset[str] = f
         named.append(joined)
         if doubtful:
             named = _hold_up_again(bench, named, faults)
-    effects = _effects(named)
+    effects = effects_of(named)
     return Search(bench, bench.fit(effects), tuple(named), first, last, bench.left(effects), faults)
 
 
@@ -219,22 +123,31 @@ def weighed(found: Search, known: Sequence[Named] = (), barred: frozenset[str] =
     return weighed(search(found.bench, [n for n in named if n is not worst], barred), (), barred)
 
 
-def most_convincing(passed: Sequence[Tested], r: Array) -> Tested | None:
+def most_convincing(passed: Sequence[Tested], left: Remaining) -> Tested | None:
     """The simplest of those that gain nearly as much as the best; None if nothing gains.
 
     Parameters
     ----------
-    r : (rows,)
+    left : Remaining
         What the model leaves. A weak effect with a constant to search - which of 60 harmonics? -
         is significant before four fifths of the experiments agree on that constant. So where nothing gains with the constant
         chosen fold by fold, one that gains with its own counts, unless other constants do nearly as well.
     """
     able = [t for t in passed if t.gain > 0]
     if not able:
-        able = sorted((t for t in passed if t.own_gain > 0 and not is_sponge(r, t)), key=lambda t: t.p_value)
+        able = sorted((t for t in passed if t.own_gain > 0 and not is_sponge(left.r, t)), key=lambda t: t.p_value)
         return able[0] if able else None
-    near = [t for t in able if t.gain >= _NEARLY_AS_GOOD * able[0].gain]
+    near = [
+        t
+        for t in able
+        if t.gain >= _NEARLY_AS_GOOD * able[0].gain and _misses_little(t, able[0], min(left.per_dof, 1.0))
+    ]
     return min(near, key=lambda t: (len(t.effect.parameters), -t.gain))
+
+
+def _misses_little(t: Tested, best: Tested, noise: float) -> bool:
+    fewer = max(len(best.effect.parameters) - len(t.effect.parameters), 0)
+    return best.explained - t.explained <= max(_MISSES * noise, _MISSED_SHARE * best.explained) + 2 * fewer * noise
 
 
 def may_join(t: Tested, named: Sequence[Named], first: Round | None, last: Round) -> bool:
@@ -244,7 +157,7 @@ def may_join(t: Tested, named: Sequence[Named], first: Round | None, last: Round
     beside play. A suspect at the place of a named effect, of like signature and far weaker, is that rest and no effect. And
     after something was named the search goes on only for what is beyond doubt, so that all rounds together keep the level.
     """
-    if named and t.p_value > _LATER * last.level:
+    if named and t.p_value > LATER * last.level:
         return False
     if isinstance(t.suspect, Further):
         return may_grow(t, last.passed)
@@ -259,24 +172,6 @@ def may_join(t: Tested, named: Sequence[Named], first: Round | None, last: Round
     return True
 
 
-def leaves(solution: Solution, o: Observations) -> Remaining:
-    """What a fit leaves of the readings."""
-    return remaining(Scene(solution.model, o), solution.residual, solution.identifiability.seen)
-
-
-def refit(base: Model, o: Observations, effects: Sequence[Effect], near: Model | None = None) -> Solution:
-    """The base model and further effects, all parameters together under their constraints; `near` has some of them fitted."""
-    known = {} if near is None else {id(e): x for e, x in zip(near.effects, near.values, strict=True)}
-    model = base if near is None else base.with_x(np.concatenate([known[id(e)] for e in base.effects]))
-    for effect in effects:
-        model = extended(model, effect, known.get(id(effect)))
-    return identify(model, o, "sdp", most_iterations=_MOST_ITERATIONS)
-
-
-def _effects(named: Sequence[Named]) -> list[Effect]:
-    return [n.effect for n in named]
-
-
 def _names(named: Sequence[Named]) -> set[str]:
     return {n.tested.suspect.name for n in named}
 
@@ -285,8 +180,8 @@ def _hold_up_again(bench: Bench, named: list[Named], faults: dict[str, str]) -> 
     """Take every earlier effect out in turn; what is then most convincing takes its place, or nothing if nothing passes."""
     for old in list(named[:-1]):
         rest = [n for n in named if n is not old]
-        around = bench.round(_effects(rest), _names(rest) | set(faults))
-        best = most_convincing(around.passed, bench.left(_effects(rest)).r)
+        around = bench.round(effects_of(rest), _names(rest) | set(faults))
+        best = most_convincing(around.passed, bench.left(effects_of(rest)))
         if best is None:
             named = rest
             continue
@@ -310,15 +205,15 @@ def _alike(a: Tested, b: Tested) -> bool:
 def _evidence_of_each(bench: Bench, named: list[Named]) -> list[Named]:
     """The evidence for each named effect with all the others in the model, and its class; strongest first."""
     out = []
-    per_dof = bench.left(_effects(named)).per_dof
+    per_dof = bench.left(effects_of(named)).per_dof
     for n in named:
         bench.progress(f"weighing {n.tested.suspect.name} beside the others")
         others = [m for m in named if m is not n]
         found = [_fixed(s, n) for s in bench.found if s.name not in _names(others)]
-        around = try_all(bench.left(_effects(others)), found, bench.seed)
+        around = try_all(bench.left(effects_of(others)), found, bench.seed)
         able = [*around.passed, *around.failed]
         own = next((t for t in able if t.suspect.name == n.tested.suspect.name), n.tested)
-        able = [_refined(bench.left(_effects(others)), t, own) for t in able]
+        able = [_refined(bench.left(effects_of(others)), t, own) for t in able]
         same = confounded_with(own, able, per_dof)
         out.append(replace(n, tested=own, confounded=tuple(same), level=around.level))
     return sorted(out, key=lambda n: -n.tested.gain)

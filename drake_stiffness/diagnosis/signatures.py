@@ -89,6 +89,10 @@ class Scene:
         columns = [_differences(self, turn, scales)[:, :, 0].T / _TURNED for turn in turns]
         return np.stack(columns) if columns else np.zeros((0, 6, m.case.size))
 
+    def shows(self, effect: Effect) -> bool:
+        """Whether these readings reach what makes an effect different from all others."""
+        return not effect.idle(self.model.structure.arm, self.carried)
+
     @cached_property
     def spring_columns(self) -> SpringColumns:
         m = self.o.measurements

@@ -187,6 +187,19 @@ class Effect(ABC):
         """The same effect with its nonlinear constants a little changed, by about `step` of themselves. None by default."""
         yield from ()
 
+    def idle(self, arm: Arm, carried: Carried) -> bool:
+        """Whether what joints and links carry never reaches what makes this effect different: then no search tries it."""
+        return False
+
+    @property
+    def conventional(self) -> tuple[str, ...]:
+        """Unknowns whose values are a matter of convention once a search chose the constants: they have no sigma of their own."""
+        return ()
+
+    def derived(self, x: Array) -> dict[str, tuple[float, str]]:
+        """What the unknowns amount to whatever the convention: name to value and unit. None by default."""
+        return {}
+
     def further(self) -> Iterator[Effect]:
         """What of the same kind may be at the same place besides, each alone: other harmonics. None by default."""
         yield from ()

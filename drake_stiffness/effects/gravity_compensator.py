@@ -123,6 +123,19 @@ class GravityCompensator(Effect):
             "variant": self.variant,
         }
 
+    @property
+    def conventional(self) -> tuple[str, ...]:
+        return ("spring", "preload")
+
+    def derived(self, x: Array) -> dict[str, tuple[float, str]]:
+        """Whatever the scale of the geometry: K_c a L, P L and the ratio of the levers."""
+        a = float(np.hypot(*self.anchor_m))
+        return {
+            "spring_times_levers": (float(x[0]) * a * self.lever_m, "N m"),
+            "preload_times_lever": (float(x[1]) * self.lever_m, "N m"),
+            "lever_over_anchor": (self.lever_m / a, "1"),
+        }
+
     def check(self, arm: Arm, points: Mapping[str, object]) -> None:
         expect(self, self.where, arm.joint_names, "joint")
         if arm.prismatic[arm.joint_names.index(self.where)]:

@@ -51,6 +51,11 @@ class JointHysteresis(JointEffect):
         for factor in (1 + step, 1 / (1 + step)):
             yield JointHysteresis(self.where, self.prismatic, self.threshold * factor)
 
+    def idle(self, arm: Arm, carried: Carried) -> bool:
+        """A joint that never slips is a spring of the load alone."""
+        i = self.number(arm)
+        return float(np.abs(carried.tau_joint[i] - carried.weight_joint[i]).max(initial=0.0)) <= self.threshold
+
     def deflection(self, arm: Arm, carried: Carried, cases: Cases, x: Array) -> dict[int, Array]:
         i = self.number(arm)
         tau = carried.tau_joint[i]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Literal, get_args
 
 import numpy as np
 
@@ -74,6 +74,9 @@ class JointBacklash(JointEffect):
         return {i: 0.5 * x[0] * np.clip(carried.tau_joint[i] / self.smooth, -1.0, 1.0)}
 
 
+Form = Literal["quadratic", "cubic"]
+
+
 class JointHardening(JointEffect):
     """A spring whose slope changes with load: theta = c tau |tau| (quadratic) or c tau^3 (cubic), c < 0 where it hardens.
 
@@ -84,7 +87,7 @@ class JointHardening(JointEffect):
     needs = ("load", "levels")
     refines = "joint_compliance"
 
-    def __init__(self, where: str, prismatic: bool = False, form: Literal["quadratic", "cubic"] = "quadratic") -> None:
+    def __init__(self, where: str, prismatic: bool = False, form: Form = "quadratic") -> None:
         super().__init__(where, prismatic)
         self.form = form
 
@@ -97,6 +100,12 @@ class JointHardening(JointEffect):
 
     def settings(self) -> dict[str, object]:
         return {**super().settings(), "form": self.form}
+
+    @classmethod
+    def candidates(cls, arm: Arm, points: Mapping[str, object]) -> Iterator[Effect]:
+        for name, prismatic in zip(arm.joint_names, arm.prismatic, strict=True):
+            for form in get_args(Form):
+                yield cls(name, bool(prismatic), form)
 
     def deflection(self, arm: Arm, carried: Carried, cases: Cases, x: Array) -> dict[int, Array]:
         i = self.number(arm)

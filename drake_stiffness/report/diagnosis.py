@@ -18,8 +18,8 @@ from drake_stiffness.report.diagnosis_shape import shapes
 from drake_stiffness.report.notes import provenance
 
 if TYPE_CHECKING:
+    from drake_stiffness.diagnosis.bench import Named
     from drake_stiffness.diagnosis.job import Diagnosed
-    from drake_stiffness.diagnosis.search import Named
 
 
 def diagnosis_report(result: Diagnosed) -> str:

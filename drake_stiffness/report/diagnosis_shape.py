@@ -13,9 +13,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from drake_stiffness.diagnosis.bench import Named
 from drake_stiffness.diagnosis.diagnosis import Diagnosis
 from drake_stiffness.diagnosis.generic import branch_of
-from drake_stiffness.diagnosis.search import Named
 from drake_stiffness.diagnosis.signatures import Scene
 from drake_stiffness.effects import Effect
 from drake_stiffness.model import Model

@@ -10,9 +10,10 @@ from hidden_campaigns import draw, run, table, with_physics, write
 from plants.gear_mesh import Backlash
 
 from drake_stiffness.diagnosis import suspects
+from drake_stiffness.diagnosis.bench import Bench, Named
 from drake_stiffness.diagnosis.diagnosis import diagnose
 from drake_stiffness.diagnosis.naming import try_all
-from drake_stiffness.diagnosis.search import Bench, Named, Search, weighed
+from drake_stiffness.diagnosis.search import Search, weighed
 from drake_stiffness.diagnosis.suspects import separate_untestable
 from drake_stiffness.effects import harmonics
 from drake_stiffness.identification import identify

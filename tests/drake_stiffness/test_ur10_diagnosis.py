@@ -7,10 +7,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from drake_stiffness.diagnosis.bench import Bench
 from drake_stiffness.diagnosis.confirmation import held_out
 from drake_stiffness.diagnosis.generic import fit_process
 from drake_stiffness.diagnosis.rigidity import noise_of_remainder, noise_shown
-from drake_stiffness.diagnosis.search import Bench, most_convincing
+from drake_stiffness.diagnosis.search import most_convincing
 from drake_stiffness.diagnosis.signatures import Scene
 from drake_stiffness.diagnosis.suspects import separate_untestable, suspects
 from drake_stiffness.identification import identify
