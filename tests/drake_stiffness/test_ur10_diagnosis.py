@@ -41,7 +41,7 @@ def first_round():
 
 def test_the_shoulder_that_gives_way_under_weight_goes_first(first_round):
     bench, tested, o_held, said, _ = first_round
-    chosen = most_convincing(tested.passed, bench.alone(()))
+    chosen = most_convincing(tested.passed, bench.left(()))
     assert (chosen.suspect.kind, chosen.suspect.where) == SHOULDER
     joined = bench.join((), chosen, tested)
     fit = bench.fit([joined.effect])
