@@ -27,6 +27,8 @@ _EXACT = 1e-8
 # Poses per block of the Newton iteration: neighbours on a path are near enough to start from.
 _BLOCK = 64
 _NEWTON_STEPS = 30
+# Of so many neighbours one singular value is known; those near zero are good to this.
+_KNOWN, _ROUNDING = 16, 1e-7
 
 
 @dataclass(frozen=True, eq=False)
@@ -169,15 +171,41 @@ def singularity_margin(arm: Arm, q: Floats) -> Floats:
     """
     margin = np.empty(q.shape[1])
     for own in _chunks(q.shape[1]):
-        poses = forward(arm, q[:, own])
-        J = joint_jacobian(arm, poses, poses.p_E).transpose(2, 1, 0).copy()
-        J[:, :3] /= arm.length_m
-        for joint, prismatic in enumerate(arm.prismatic):
-            if prismatic:
-                J[:, :, joint] *= arm.length_m
-        smallest = np.linalg.eigvalsh(J @ J.transpose(0, 2, 1))[:, 0]  # half the time of singular values
-        margin[own] = np.sqrt(np.maximum(smallest, 0.0))
+        margin[own] = _smallest(_scaled_jacobian(arm, q[:, own]))
     return margin
+
+
+def least_margin(arm: Arm, q: Floats) -> float:
+    """The smallest of `singularity_margin` along a path (infinite for none), for which few of them need be known.
+
+    Singular values of two Jacobians differ by no more than the Jacobians do (Weyl), and those of neighbours differ little.
+    """
+    least = np.inf
+    for own in _chunks(q.shape[1]):
+        J = _scaled_jacobian(arm, q[:, own])
+        known, N = np.arange(0, J.shape[2], _KNOWN), J.shape[2]
+        margin = _smallest(J[:, :, known])
+        apart = np.sqrt(((J - np.repeat(J[:, :, known], _KNOWN, axis=2)[:, :, :N]) ** 2).sum(axis=(0, 1)))
+        least = min(least, float(margin.min()))
+        doubtful = np.repeat(margin, _KNOWN)[:N] - apart < least + _ROUNDING
+        least = min(least, float(_smallest(J[:, :, doubtful]).min(initial=np.inf)))
+    return least
+
+
+def _scaled_jacobian(arm: Arm, q: Floats) -> Floats:
+    """Rigid Jacobian (n, 6, N) without units."""
+    poses = forward(arm, q)
+    J = joint_jacobian(arm, poses, poses.p_E)
+    J[:, :3] /= arm.length_m
+    J[np.array(arm.prismatic)] *= arm.length_m
+    return J
+
+
+def _smallest(J: Floats) -> Floats:
+    """Smallest singular value (N,) of Jacobians (n, 6, N)."""
+    own = J.transpose(2, 1, 0).copy()
+    smallest = np.linalg.eigvalsh(own @ own.transpose(0, 2, 1))[:, 0]  # half the time of singular values
+    return np.asarray(np.sqrt(np.maximum(smallest, 0.0)))
 
 
 def _chunks(number: int) -> Iterator[slice]:

@@ -12,7 +12,7 @@ from toolpaths import postures as p
 from toolpaths.analytic import SixAxes, six_axes
 from toolpaths.branches import continuous, flips_along, sides_of
 from toolpaths.damped import damped_step
-from toolpaths.postures import along_path, outside_limits, singularity_margin
+from toolpaths.postures import along_path, least_margin, outside_limits, singularity_margin
 
 CUTTING = np.radians([0.0, -70.0, 120.0, 20.0, -50.0, 5.0])
 
@@ -319,6 +319,22 @@ def test_the_margin_does_not_depend_on_the_size_of_the_arm(model):
     doubled = replace(arm, p_PF=2 * arm.p_PF)
     q = smooth(arm, 5)
     np.testing.assert_allclose(singularity_margin(doubled, q), singularity_margin(arm, q), rtol=1e-9)
+
+
+def test_the_least_margin_is_the_smallest_of_all(model, track_model):
+    """Along smooth paths, with a singular posture between two that are known, and where neighbours have nothing in common."""
+    rng = np.random.default_rng(6)
+    through = smooth(model.arm, 300)
+    through[4] = np.radians(np.linspace(-31, 29, 300))
+    scattered = rng.uniform(-2, 2, (7, 100))
+    alone = CUTTING[:, None]
+    for arm, q in (
+        (model.arm, smooth(model.arm, 500)),
+        (model.arm, through),
+        (track_model.arm, scattered),
+        (model.arm, alone),
+    ):
+        assert least_margin(arm, q) == pytest.approx(singularity_margin(arm, q).min(), abs=1e-12)
 
 
 # -- branches that the program names --------------------------------------------------------------------------------------

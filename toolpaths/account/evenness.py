@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drake_stiffness.arm import Arm
-from toolpaths.postures import singularity_margin
+from toolpaths.postures import least_margin
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int_]
@@ -148,7 +148,7 @@ def reserve(arm: Arm, q: Floats, line: Ints) -> Reserve:
         float(margin[joint, point]),
         "mm" if arm.prismatic[joint] else "deg",
         int(line[point]),
-        float(singularity_margin(arm, q).min()),
+        least_margin(arm, q),
     )
 
 
