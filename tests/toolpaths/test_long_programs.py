@@ -115,6 +115,23 @@ def test_pieces_and_the_whole_give_the_same_bytes_and_the_same_account(program, 
     assert corrected(parts, tmp_path / "out.src") == whole.raw
 
 
+def test_a_kink_at_the_border_of_two_pieces_is_seen(program, model, tools, tmp_path):
+    """The force sets in at the first motion of the second piece: nothing but that step bends the path."""
+    path = tmp_path / "even.src"
+    path.write_bytes((HEAD + "".join(line(n) for n in range(60))).encode())
+    found = list(pieces(path, None, SIZE))
+    first = int(found[0].corrected.sum())
+    process = tools.process(force={"table": "forces.csv", "frame": "world"})
+    process._path = tmp_path / "process.yaml"
+    (tmp_path / "forces.csv").write_text("fx_N,fz_N\n" + "10,0\n" * first + "900,-900\n" * (60 - first))
+    whole, parts = both(path, model, process)
+    assert len(found) > 2
+    told, expected = parts.to_dict()["evenness"], whole.to_dict()["evenness"]
+    assert told["kink_lines"] == expected["kink_lines"] == [int(found[1].line[1])]
+    assert told["largest_mm_per_mm"] == pytest.approx(expected["largest_mm_per_mm"], rel=1e-6)
+    assert [note for note in parts.notes if "kink" in note] == [note for note in whole.notes if "kink" in note]
+
+
 def test_a_force_table_is_read_in_step(program, model, tools, tmp_path):
     motions = int((read_program(program).role[read_program(program).corrected] != "end").sum())
     rows = "".join(f"{n % 7 * 50.0},{-n}\n" for n in range(motions))

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from toolpaths.account.evenness import Evenness
 from toolpaths.account.tally import Tally
 from toolpaths.program import Program
 from toolpaths.result import Compensation
@@ -127,7 +128,11 @@ class LongCompensation(Compensation):
 
 
 def folded(
-    results: Sequence[Compensation], facts: Sequence[dict[str, Any]], written: Path | None, sha256: tuple[str, str]
+    results: Sequence[Compensation],
+    facts: Sequence[dict[str, Any]],
+    borders: Sequence[tuple[Evenness, Ints]],
+    written: Path | None,
+    sha256: tuple[str, str],
 ) -> LongCompensation:
     """One account of all pieces.
 
@@ -137,12 +142,14 @@ def folded(
         Thinned, in the order of the program.
     facts
         What each piece says of itself, summaries as `tallied`.
+    borders
+        Where a piece goes on without a break: see `evenness.across`.
     """
     largest = max(results, key=lambda result: result.rows.size)
     joined: Compensation = _joined(results, replace(largest, program=results[0].program), largest.rows.size)
     programs = [result.program for result in results]
     program = _joined(programs, largest.program, len(largest.program))
-    said = fold_facts(facts)
+    said = fold_facts(facts, [step.to_dict(line) for step, line in borders])
     best = results[0].account.causes.best
     for result in results[1:]:
         best = best + result.account.causes.best
@@ -157,7 +164,7 @@ def folded(
         "quantum_mm": said["half_printed_digit_mm"],
         "refusals": tuple(r for result in results for r in result.refusals),
         "insertions": tuple(i for result in results for i in result.insertions),
-        "notes": fold_notes([result.notes for result in results]),
+        "notes": fold_notes([*(r.notes for r in results), *(step.notes(line) for step, line in borders)]),
     }
     return LongCompensation(**known, facts=said, written=written, sha256=sha256)
 
@@ -167,8 +174,8 @@ _LARGEST = ("unsupported_share", "iterations", "largest_contraction", "half_prin
 _LISTS = ("refused", "inserted", "turning_points", "linearised")
 
 
-def fold_facts(facts: Sequence[dict[str, Any]]) -> dict[str, Any]:
-    """What pieces say of themselves, as said of all of them."""
+def fold_facts(facts: Sequence[dict[str, Any]], borders: Sequence[dict[str, Any]] = ()) -> dict[str, Any]:
+    """What pieces say of themselves, and of the steps between them (their evenness alone), as said of all of them."""
     counts = np.array([fact["corrected_points"] for fact in facts], dtype=float)
     before: list[Tally] = [fact["uncompensated_mm"][_TALLY] for fact in facts]
     out = _tree(facts)
@@ -178,7 +185,8 @@ def fold_facts(facts: Sequence[dict[str, Any]]) -> dict[str, Any]:
     moved, left = out["uncompensated_mm"]["mean"], out["residual_mm"]["mean"]
     out["percent_compensated"] = 100 * (1 - left / moved) if moved > out["half_printed_digit_mm"] else float("nan")
     out["causes"] = _fold_causes([fact["causes"] for fact in facts], counts, np.array([b.total for b in before]))
-    out["evenness"] = _fold_evenness([fact["evenness"] for fact in facts], counts)
+    steps = [*(fact["evenness"] for fact in facts), *borders]
+    out["evenness"] = _fold_evenness(steps, np.append(counts, np.ones(len(borders))))
     nearest = [fact["reserve"] for fact in facts]
     out["reserve"] = {
         **min(nearest, key=lambda reserve: reserve["limit_margin"]),
@@ -226,7 +234,7 @@ def _fold_evenness(parts: Sequence[dict[str, Any]], counts: Floats) -> dict[str,
         **parts[0],
         "largest_mm_per_mm": max(part["largest_mm_per_mm"] for part in parts),
         "median_spacing_mm": mean("median_spacing_mm"),
-        "kink_lines": [line for part in parts for line in part["kink_lines"]],
+        "kink_lines": sorted({line for part in parts for line in part["kink_lines"]}),
         "share_of_steps_shorter_than_two_blend_radii": mean("share_of_steps_shorter_than_two_blend_radii"),
     }
 
