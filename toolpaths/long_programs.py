@@ -31,14 +31,15 @@ from toolpaths.account.folding import KEPT, LongCompensation, folded, give_bins,
 from toolpaths.compensation import bench_of
 from toolpaths.forces import ForceRows
 from toolpaths.formats import read_program
-from toolpaths.formats.krl_motions import NeedsWhole
 from toolpaths.formats.pieces import PIECE_BYTES, comes_in_pieces, pieces
+from toolpaths.formats.reading import NeedsWhole
 from toolpaths.job import Progress, compensate, silent
 from toolpaths.loaded_path import postures_on, targets
 from toolpaths.process import Process, external_positions, governing, posture, refuse_changes
 from toolpaths.program import FrameSetting, Program, Refusal, quantum_mm
 from toolpaths.refusals import refuse
 from toolpaths.result import Compensation
+from toolpaths.rotary import declare
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int_]
@@ -263,7 +264,7 @@ class _Job:
 
 def _first_posture(program: Program, model: Model, process: Process, lead: Floats) -> Floats:
     """Posture (n,) of the first corrected point where the branch goes on from a given one."""
-    one = rows_of(program, np.flatnonzero(program.corrected)[:1])
+    one = declare(rows_of(program, np.flatnonzero(program.corrected)[:1]), process.gcode, process.path)
     bench, rows = bench_of(model, process.reference, process.geometry), np.zeros(1, dtype=int)
     R, p = targets(one, process, bench, posture(process, model))
     given = external_positions(process, one, model, rows)

@@ -11,7 +11,8 @@ from toolpaths.formats.krl_frames import Frames
 from toolpaths.formats.krl_points import REFERENCE, FrameData, Key, Points, key_of
 from toolpaths.formats.krl_statements import POINT_TO_POINT, feed_with
 from toolpaths.formats.krl_words import Aggregate, Unreadable, read_aggregate, shown, status_bits
-from toolpaths.program import NO_STATUS, UNWRITTEN, FrameSetting, Refusal
+from toolpaths.formats.reading import NeedsWhole
+from toolpaths.program import NO_STATUS, FrameSetting, Refusal
 from toolpaths.program_builder import ProgramBuilder
 
 WORDS = ("X", "Y", "Z", "A", "B", "C")
@@ -22,10 +23,6 @@ _TAIL = re.compile(
 )
 _ARC_ANGLE = re.compile(rb"\s*,\s*CA\b\s*=?\s*[^,{}\s]+", re.IGNORECASE)
 _ARCS = frozenset({"CIRC", "SCIRC"})
-
-
-class NeedsWhole(Exception):
-    """A program that cannot be read in pieces: its motions go to points that stand elsewhere."""
 
 
 class Resume(NamedTuple):
@@ -101,12 +98,9 @@ class Motions:
         rows = self.rows
         rows.values = list(resume.values)
         if resume.moved is not None:
-            rows.status, rows.feed_mm_per_min = resume.status, math.nan
-            spans = [UNWRITTEN] * rows.width
-            rows.add(resume.line, "LIN", "point", spans, -1, carries_force=False, refused=False)
+            rows.status = resume.status
+            rows.stand_in(resume.line, "LIN", resume.values, moved=resume.moved)
             rows.status = NO_STATUS
-            if resume.moved:
-                rows.forget_place()
         rows.feed_mm_per_min = resume.feed_mm_per_min
 
     def hand_on(self) -> Resume:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -30,6 +30,41 @@ class Unreadable(Exception):
         super().__init__(found)
         self.at = at
         self.found = found
+
+
+class NeedsWhole(Exception):
+    """A program that cannot be read in pieces: something in it depends on what stands elsewhere."""
+
+
+# So many lines before the end a place to cut at is looked for.
+_CUT_WITHIN = 500
+
+
+def cut_between(
+    raw: bytes,
+    ordinary: Callable[[bytes, int], re.Match[bytes] | None],
+    whole: Callable[[re.Match[bytes]], bool],
+) -> int:
+    """The last place, 0 for none, at which a program may be cut: between two ordinary lines of which the second is whole.
+
+    Parameters
+    ----------
+    ordinary
+        The line that begins at an offset, if it is one with a motion; its end included.
+    whole
+        Whether such a line keeps no word of a motion before it.
+    """
+    end = raw.rfind(b"\n") + 1
+    after: re.Match[bytes] | None = None
+    for _ in range(_CUT_WITHIN):
+        start = raw.rfind(b"\n", 0, max(end - 1, 0)) + 1
+        match = ordinary(raw, start)
+        if match is not None and after is not None and whole(after):
+            return after.start()
+        after, end = match, start
+        if not start:
+            break
+    return 0
 
 
 class Target(NamedTuple):

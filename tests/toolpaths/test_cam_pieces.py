@@ -1,0 +1,156 @@
+"""Long programs of CAM systems in pieces: G-code and APT are read, corrected and accounted for as in one."""
+
+import pickle
+
+import numpy as np
+import pytest
+
+from drake_stiffness.files import write_together
+from toolpaths.formats import read_again, read_program
+from toolpaths.formats.pieces import pieces
+from toolpaths.formats.reading import NeedsWhole
+from toolpaths.job import compensate
+from toolpaths.long_programs import _Job, compensate_file
+
+SIZE = 900
+AXES = ("X", "Y", "Z")
+
+
+def place(n):
+    return f"X{220 + 2 * n}.000 Y{150 - n}.000 Z-5.000"
+
+
+def milling(count=60, turn=""):
+    """Three axes or, with `turn`, five: words left out, rapids, feeds, comments, a tool change, block numbers."""
+    text = (
+        "%\nO100 (part)\nG21 G90 G54\nT1 M6\nG0 X220. Y150. Z30. A5.0 C10.0\n"
+        if turn
+        else "G21 G54\nG0 X220. Y150. Z30.\n"
+    )
+    for n in range(count):
+        words = place(n) + (f" A{5 + 0.01 * n:.4f} C{10 + 0.02 * n:.4f}" if turn else "")
+        text += f"N{10 * n} G1 {words}\n"
+        text += {
+            7: "F800 (slower)\n",
+            13: f"X{221 + 2 * n}.000 {words.split(maxsplit=1)[1]} F900\n",
+            23: f"G0 Z30.\nG0 X250. Y100. Z30.{turn}\n",
+            31: "M8\n(a comment with X1.0 in it)\n",
+            43: "G54\n",
+        }.get(n, "")
+    return text + "M30\n%\n"
+
+
+def cutter_location(count=60, axes=True):
+    """Points with or without axes, rapids, feeds, and a record over two lines."""
+    text = "PARTNO LONG\nUNITS/MM\nMULTAX\nFEDRAT/800,MMPM\n"
+    for n in range(count):
+        axis = f",0.0{n % 5}0000,0.000000,0.999000" if axes else ""
+        text += f"GOTO/{220 + 2 * n}.0000,{150 - n}.0000,-5.0000{axis}\n"
+        text += {
+            9: f"RAPID\nGOTO/{220 + 2 * n}.0000,{150 - n}.0000,30.0000{axis}\nFEDRAT/900\n",
+            19: f"GOTO/{221 + 2 * n}.0000,$\n{150 - n}.0000,-5.0000{axis}\n",
+            33: "$$ a comment\nPPRINT/HALF\n",
+        }.get(n, "")
+    return text + "FINI\n"
+
+
+SOURCES = {
+    "three.nc": (milling(), {}),
+    "five.nc": (milling(turn=" A5.0 C10.0"), {"gcode": {"rotary": "AC"}}),
+    "axes.cl": (cutter_location(), {}),
+    "plain.cl": (cutter_location(axes=False), {}),
+}
+
+
+@pytest.fixture(params=SOURCES)
+def long_program(request, tmp_path):
+    text, process = SOURCES[request.param]
+    path = tmp_path / request.param
+    path.write_text(text)
+    return path, process
+
+
+def test_pieces_hold_every_byte_and_every_row_once(long_program):
+    path, _ = long_program
+    whole, found = read_program(path), list(pieces(path, None, SIZE))
+    assert len(found) > 2
+    assert b"".join(piece.raw for piece in found) == path.read_bytes()
+    own = [slice(bool(n), None) for n in range(len(found))]
+    for name in (
+        "line",
+        "kind",
+        "carries_force",
+        "refused",
+        "feed_mm_per_min",
+        "position_mm",
+        "orientation",
+        "follows",
+    ):
+        joined = np.concatenate([getattr(piece, name)[rows] for piece, rows in zip(found, own, strict=True)])
+        np.testing.assert_array_equal(joined, getattr(whole, name), err_msg=name)
+
+
+def test_another_process_reads_a_piece_again_as_it_is(long_program):
+    path, _ = long_program
+    for piece in pieces(path, None, SIZE):
+        sent = pickle.loads(pickle.dumps(piece))
+        again = read_again(sent, [sent.raw])
+        for name in ("line", "kind", "position_mm", "orientation", "source", "span", "feed_mm_per_min"):
+            np.testing.assert_array_equal(getattr(again, name), getattr(piece, name), err_msg=name)
+
+
+def test_pieces_and_the_whole_give_the_same_bytes(long_program, model, tools):
+    path, changes = long_program
+    process, options = tools.process(**changes), {"keep_refused": True}
+    whole = compensate(read_program(path), model, process, **options)
+    out = path.with_name("out" + path.suffix)
+    parts = compensate_file(path, model, process, size=SIZE, processes=1, output=out, **options)
+    assert type(parts).__name__ == "LongCompensation"
+    write_together(parts.files(out))
+    assert out.read_bytes() == whole.raw != path.read_bytes()
+    told, expected = parts.to_dict(), whole.to_dict()
+    for key in ("corrected_points", "lines", "refused"):
+        assert told[key] == expected[key], key
+    assert told["evenness"]["kink_lines"] == expected["evenness"]["kink_lines"]
+    assert told["residual_mm"]["max"] == pytest.approx(expected["residual_mm"]["max"], rel=1e-4)
+
+
+def test_a_branch_that_was_guessed_wrongly_is_found_for_rotary_words_too(model, tools, tmp_path, monkeypatch):
+    path, (text, changes) = tmp_path / "five.nc", SOURCES["five.nc"]
+    path.write_text(text)
+    process, options = tools.process(**changes), {"keep_refused": True}
+    whole = compensate(read_program(path), model, process, **options)
+    flipped, original = np.radians([0, -70, 120, 180, 50, 180]), _Job._tasks
+
+    def guess_wrongly(job):
+        for index, (program, own, lead) in enumerate(original(job)):
+            job.sent[index] = (program, own, flipped if index == 2 else lead)
+            yield job.sent[index]
+
+    monkeypatch.setattr(_Job, "_tasks", guess_wrongly)
+    parts = compensate_file(path, model, process, size=SIZE, processes=1, **options)
+    np.testing.assert_allclose(parts.path.postures.q, whole.path.postures.q, atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("name", "text"),
+    {
+        "jump.nc": milling() + "GOTO 20\n",
+        "late.nc": milling() + f"G1 {place(60)} C5.0\n",
+        "kept.nc": milling(turn=" A5.0 C10.0").replace(" C10.", " ;C10."),
+        "kept.cl": cutter_location(3) + cutter_location(axes=False),
+    }.items(),
+    ids=lambda value: value if len(value) < 20 else "",
+)
+def test_a_program_whose_pieces_depend_on_each_other_is_read_as_a_whole(name, text, model, tools, tmp_path):
+    """A jump; a rotary word that turns up late or is kept over pieces; a tool axis that is kept over pieces."""
+    path = tmp_path / name
+    path.write_text(text)
+    with pytest.raises(NeedsWhole):
+        list(pieces(path, None, SIZE))
+
+
+def test_a_program_without_a_whole_line_is_not_cut(tmp_path):
+    path = tmp_path / "part.nc"
+    path.write_text("G21\n" + "".join(f"G1 X{n}.000\nG1 Y{n}.000\n" for n in range(200)))
+    assert len(list(pieces(path, None, SIZE))) == 1
