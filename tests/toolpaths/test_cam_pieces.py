@@ -1,4 +1,4 @@
-"""Long programs of CAM systems in pieces: G-code and APT are read, corrected and accounted for as in one."""
+"""Long programs of CAM systems in pieces: G-code, APT and RAPID are read, corrected and accounted for as in one."""
 
 import pickle
 
@@ -54,11 +54,28 @@ def cutter_location(count=60, axes=True):
     return text + "FINI\n"
 
 
+def module(count=60, wobj=r" \WObj:=part"):
+    """Literal targets, a joint move to a declared point and its like in between, speeds, signals, comments."""
+    text = "MODULE Long\nCONST robtarget home:=[[900,0,900],[0,0,1,0],[0,0,0,0],[9E9,9E9,9E9,9E9,9E9,9E9]];\n"
+    text += f"CONST speeddata cut:=[20,500,5000,1000];\nPROC main()\nConfL\\Off;\nMoveJ home,v200,fine,mill{wobj};\n"
+    for n in range(count):
+        pose = f"[[{220 + 2 * n}.00,{150 - n}.00,-5.00],[0.0173648,0.9848078,0.1736482,0.0{n % 5}]"
+        move = f"MoveL {pose},[0,0,0,0],[9E9,9E9,9E9,9E9,9E9,9E9]],{{}},z1,mill{wobj};"
+        text += move.format("v50") + "\n"
+        text += {
+            7: move.format("cut") + " ! slower\n",
+            17: "SetDO spindle,1;\nWaitTime 1;\n",
+            29: f"MoveJ home,v200,fine,mill{wobj};\n",
+        }.get(n, "")
+    return text + "ENDPROC\nENDMODULE\n"
+
+
 SOURCES = {
     "three.nc": (milling(), {}),
     "five.nc": (milling(turn=" A5.0 C10.0"), {"gcode": {"rotary": "AC"}}),
     "axes.cl": (cutter_location(), {}),
     "plain.cl": (cutter_location(axes=False), {}),
+    "long.mod": (module(), {}),
 }
 
 
@@ -138,12 +155,14 @@ def test_a_branch_that_was_guessed_wrongly_is_found_for_rotary_words_too(model, 
         "jump.nc": milling() + "GOTO 20\n",
         "late.nc": milling() + f"G1 {place(60)} C5.0\n",
         "kept.nc": milling(turn=" A5.0 C10.0").replace(" C10.", " ;C10."),
+        "stored.mod": module().replace("ENDPROC", r"MoveL home,v50,z1,mill \WObj:=part;" + "\nENDPROC"),
+        "assigned.mod": module().replace("SetDO spindle,1", "part.uframe.trans.x:=1"),
         "kept.cl": cutter_location(3) + cutter_location(axes=False),
     }.items(),
     ids=lambda value: value if len(value) < 20 else "",
 )
 def test_a_program_whose_pieces_depend_on_each_other_is_read_as_a_whole(name, text, model, tools, tmp_path):
-    """A jump; a rotary word that turns up late or is kept over pieces; a tool axis that is kept over pieces."""
+    """A jump; a rotary word that turns up late or is kept over pieces; a stored point; a work object that is set anew; a kept axis."""
     path = tmp_path / name
     path.write_text(text)
     with pytest.raises(NeedsWhole):

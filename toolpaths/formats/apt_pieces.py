@@ -42,7 +42,8 @@ START = Resume({}, (), float("nan"), True, False)
 def cut(raw: bytes) -> int:
     """Where the last place is at which a program may be cut in two, 0 for none: before a point with its axis, or any point."""
     ordinary = records.ORDINARY.match
-    return cut_between(raw, ordinary, lambda match: match[4] is not None) or cut_between(raw, ordinary, bool)
+    with_axis = cut_between(raw, ordinary, lambda _, match: match[4] is not None)
+    return with_axis or cut_between(raw, ordinary, lambda *_: True)
 
 
 def take_over(reader: Reader, resume: Resume) -> None:

@@ -49,7 +49,7 @@ START = Resume(0, None, Modal(), (), float("nan"), True, "")
 
 def cut(raw: bytes) -> int:
     """Where the last place is at which a program may be cut in two, 0 for none: before an ordinary line with X, Y and Z."""
-    return cut_between(raw, _ANY_LINE.match, lambda match: None not in match.groups()[_FIRST_WORD : _FIRST_WORD + 3])
+    return cut_between(raw, _ANY_LINE.match, lambda _, match: None not in match.groups()[_FIRST_WORD : _FIRST_WORD + 3])
 
 
 def take_over(reader: Reader, resume: Resume) -> None:

@@ -89,7 +89,7 @@ class Krl:
         """Where the last place is at which a program may be cut in two, 0 for none: before an ordinary line that writes all
         six words, after an ordinary line. Nothing is kept from before such a line but base, tool, feed and external axes.
         """
-        return cut_between(raw, _along, lambda match: None not in match.groups()[2:8])
+        return cut_between(raw, _along, lambda _, match: None not in match.groups()[2:8])
 
     def parse_piece(
         self, raw: bytes, path: str, resume: object, others: Sequence[tuple[str, bytes]] = ()
