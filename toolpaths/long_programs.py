@@ -177,7 +177,6 @@ class _Job:
         spool, after = _Spool(self.output), hashlib.sha256()
         results, facts = [], []
         borders: list[tuple[Evenness, Ints]] = []
-        blend = self.process.controller.blend_radius_mm
         before: End | None = None
         left: list[Refusal] = []
         notes: list[str] = []
@@ -187,7 +186,7 @@ class _Job:
             after.update(done.raw)
             spool.write(done.raw)
             if before is not None and done.begin is not None:
-                borders.append(across(before, done.begin, float("nan") if blend is None else blend))
+                borders.append(across(before, done.begin))
             before = done.end
             if done.result is not None:
                 self.last = done.last

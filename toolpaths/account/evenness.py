@@ -123,7 +123,7 @@ class End:
     line: int
 
 
-def across(before: End, after: End, blend_radius_mm: float) -> tuple[Evenness, Ints]:
+def across(before: End, after: End) -> tuple[Evenness, Ints]:
     """Change of the correction from the end of one piece to the beginning of the next, and the lines of the two points."""
     ends = (before, after)
     step = evenness(
@@ -131,7 +131,7 @@ def across(before: End, after: End, blend_radius_mm: float) -> tuple[Evenness, I
         np.array([end.correction_mm for end in ends]),
         np.array([True, False]),
         np.array([end.quantum_mm for end in ends]),
-        blend_radius_mm,
+        float("nan"),
     )
     return step, np.array([end.line for end in ends])
 

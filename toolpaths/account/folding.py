@@ -175,7 +175,7 @@ _LISTS = ("refused", "inserted", "turning_points", "linearised")
 
 
 def fold_facts(facts: Sequence[dict[str, Any]], borders: Sequence[dict[str, Any]] = ()) -> dict[str, Any]:
-    """What pieces say of themselves, and of the steps between them (their evenness alone), as said of all of them."""
+    """What pieces say of themselves, and of the steps between them (kinks alone), as said of all of them."""
     counts = np.array([fact["corrected_points"] for fact in facts], dtype=float)
     before: list[Tally] = [fact["uncompensated_mm"][_TALLY] for fact in facts]
     out = _tree(facts)
@@ -185,8 +185,7 @@ def fold_facts(facts: Sequence[dict[str, Any]], borders: Sequence[dict[str, Any]
     moved, left = out["uncompensated_mm"]["mean"], out["residual_mm"]["mean"]
     out["percent_compensated"] = 100 * (1 - left / moved) if moved > out["half_printed_digit_mm"] else float("nan")
     out["causes"] = _fold_causes([fact["causes"] for fact in facts], counts, np.array([b.total for b in before]))
-    steps = [*(fact["evenness"] for fact in facts), *borders]
-    out["evenness"] = _fold_evenness(steps, np.append(counts, np.ones(len(borders))))
+    out["evenness"] = _with_borders(_fold_evenness([fact["evenness"] for fact in facts], counts), borders)
     nearest = [fact["reserve"] for fact in facts]
     out["reserve"] = {
         **min(nearest, key=lambda reserve: reserve["limit_margin"]),
@@ -234,8 +233,18 @@ def _fold_evenness(parts: Sequence[dict[str, Any]], counts: Floats) -> dict[str,
         **parts[0],
         "largest_mm_per_mm": max(part["largest_mm_per_mm"] for part in parts),
         "median_spacing_mm": mean("median_spacing_mm"),
-        "kink_lines": sorted({line for part in parts for line in part["kink_lines"]}),
+        "kink_lines": [line for part in parts for line in part["kink_lines"]],
         "share_of_steps_shorter_than_two_blend_radii": mean("share_of_steps_shorter_than_two_blend_radii"),
+    }
+
+
+def _with_borders(evenness: dict[str, Any], borders: Sequence[dict[str, Any]]) -> dict[str, Any]:
+    """What pieces say of kinks, and the steps between them."""
+    said = [evenness, *borders]
+    return {
+        **evenness,
+        "largest_mm_per_mm": max(part["largest_mm_per_mm"] for part in said),
+        "kink_lines": sorted({line for part in said for line in part["kink_lines"]}),
     }
 
 

@@ -17,7 +17,7 @@ from drake_stiffness.errors import InputError
 from toolpaths.conventions import QUATERNION
 from toolpaths.formats import rapid_pieces
 from toolpaths.formats import rapid_words as words
-from toolpaths.formats.reading import HEAD_BYTES, Reading, Target, Unreadable, arguments, blanked, shown
+from toolpaths.formats.reading import HEAD_BYTES, NeedsWhole, Reading, Target, Unreadable, arguments, blanked, shown
 from toolpaths.program import NO_STATUS, Program
 
 
@@ -58,9 +58,11 @@ class Rapid:
     def parse_piece(
         self, raw: bytes, path: str, resume: object, others: Sequence[tuple[str, bytes]] = ()
     ) -> tuple[Program, object]:
-        """See ``toolpaths.formats.InPieces``; NeedsWhole where moves along a path go to declared points."""
+        """See ``toolpaths.formats.InPieces``; NeedsWhole where moves along a path go to declared points, here or in other files."""
         resume = rapid_pieces.START if resume is None else resume
         assert isinstance(resume, rapid_pieces.Resume)
+        if others:
+            raise NeedsWhole
         reader = _Reader(raw)
         rapid_pieces.take_over(reader, resume)
         reader.read()
@@ -82,7 +84,7 @@ class _Reader(Reading):
         self.conf_off = False
         self._conf: dict[bytes, tuple[int, int, int] | None] = {}
         self._axes: tuple[bytes, tuple[float, ...] | None] = (b"", None)
-        self.tool = self.speed = b""
+        self._tool = self._speed = b""
         self.unusable: list[int] = []
 
     def read(self) -> None:
@@ -160,10 +162,10 @@ class _Reader(Reading):
         """An ordinary linear or joint move."""
         self.has_motion = True
         kind = match[1].upper().decode()
-        if tool != self.tool:
+        if tool != self._tool:
             self.use(tool, match.start(1))
-        if speed != self.speed:
-            self.speed, self.rows.feed_mm_per_min = speed, words.feed(speed, self.speeds)
+        if speed != self._speed:
+            self._speed, self.rows.feed_mm_per_min = speed, words.feed(speed, self.speeds)
         self.go(kind, "point", target, force=kind == "MOVEL")
 
     def go(self, kind: str, role: str, target: Target, *, force: bool) -> None:
@@ -260,8 +262,8 @@ class _Reader(Reading):
         for piece in pieces[1 + arc :]:
             self.mention(self.names(*piece), shown(self.raw, match.start(), end))
         self.use(code[slice(*pieces[tool_at])], pieces[tool_at][0])
-        self.speed = code[slice(*pieces[1 + arc])]
-        self.rows.feed_mm_per_min = words.feed(self.speed, self.speeds)
+        self._speed = code[slice(*pieces[1 + arc])]
+        self.rows.feed_mm_per_min = words.feed(self._speed, self.speeds)
         for role, target in zip(("via", "end") if arc else ("point",), targets, strict=True):
             self.go(match[1].upper().decode(), role, target, force=curve != b"J")
 
@@ -292,7 +294,7 @@ class _Reader(Reading):
 
     def use(self, tool: bytes, at: int) -> None:
         r"""Tool and work object in force, from ``tool \WObj:=name``."""
-        self.tool = tool
+        self._tool = tool
         name, work_object = words.tool_and_object(tool)
         used = (("tool", name, "tool0"), ("base", work_object, "wobj0"))
         for what, called, predefined in used:

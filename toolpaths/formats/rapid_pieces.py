@@ -11,8 +11,8 @@ from toolpaths.formats.reading import Continued, NeedsWhole, cut_between
 if TYPE_CHECKING:
     from toolpaths.formats.rapid import _Reader
 
-# What is in force or declared in a reader besides its rows.
-_MODAL = ("routine", "conf_off", "tool", "speed", "points", "speeds", "frame_data", "assigned")
+# What is in force or declared in a reader besides its rows; speed and tool are looked up anew.
+_MODAL = ("routine", "conf_off", "points", "speeds", "frame_data", "assigned")
 _REST_OF_LINE = re.compile(rb"[ \t]*(?:![^\r\n]*)?\r*(?:\n|\Z)")
 _CONFDATA = 10
 
