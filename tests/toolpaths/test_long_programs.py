@@ -1,5 +1,7 @@
 """A program that is corrected in pieces is corrected as the whole is, and says the same of itself."""
 
+import gc
+import weakref
 from pathlib import Path
 
 import numpy as np
@@ -15,6 +17,7 @@ from toolpaths.formats import read_program
 from toolpaths.formats.pieces import pieces
 from toolpaths.job import compensate
 from toolpaths.long_programs import _Job, compensate_file
+from toolpaths.program_builder import ProgramBuilder
 
 SIZE = 1500
 HEAD = "DEF long( )\r\n$BASE = BASE_DATA[1]\r\n$VEL.CP=0.05\r\nPTP HOME\r\n"
@@ -82,6 +85,19 @@ def test_pieces_hold_every_byte_and_every_row_once(program):
         np.testing.assert_array_equal(joined, getattr(whole, name), err_msg=name)
     follows = np.concatenate([piece.follows[own] for piece, own in zip(found, rows, strict=True)])
     np.testing.assert_array_equal(follows, whole.follows)
+
+
+def test_a_piece_that_is_done_is_not_kept(program):
+    """Without waiting for the collector of cycles: a million lines would pile up until it comes."""
+    gc.disable()
+    try:
+        gc.collect()
+        alive = [weakref.ref(piece) for piece in pieces(program, None, SIZE)]
+        builders = sum(isinstance(found, ProgramBuilder) for found in gc.get_objects())
+    finally:
+        gc.enable()
+    assert [ref for ref in alive if ref() is not None] == []
+    assert builders == 0
 
 
 def test_pieces_and_the_whole_give_the_same_bytes_and_the_same_account(program, model, tools, tmp_path):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import re
+import weakref
 from collections.abc import Sequence
 from typing import NamedTuple
 
@@ -65,7 +66,9 @@ class Motions:
         self.piece = piece
         self.others = others
         self.rows = ProgramBuilder()
-        self.frames = Frames(self._frame_data)
+        # Held weakly: a reader that holds itself would keep its piece of the program until the collector comes.
+        frame_data = weakref.WeakMethod(self._frame_data)
+        self.frames = Frames(lambda name: found(name) if (found := frame_data()) is not None else None)
         self.refusals: list[Refusal] = []
         self.notes: list[Refusal] = []
         self.warnings: list[str] = []
