@@ -1,6 +1,7 @@
 """Long programs of CAM systems in pieces: G-code, APT and RAPID are read, corrected and accounted for as in one."""
 
 import pickle
+import random
 
 import numpy as np
 import pytest
@@ -105,6 +106,88 @@ def test_pieces_hold_every_byte_and_every_row_once(long_program):
     ):
         joined = np.concatenate([getattr(piece, name)[rows] for piece, rows in zip(found, own, strict=True)])
         np.testing.assert_array_equal(joined, getattr(whole, name), err_msg=name)
+
+
+STRAY = {
+    ".nc": [
+        "G0 X1. Y2. Z3.",
+        "G91",
+        "G90",
+        "G1 X300.",
+        "G2 X250. Y100. Z-5. I1. J0.",
+        "G55",
+        "G41",
+        "M6",
+        "G81 Z1 R1",
+        "G92 X0",
+    ]
+    + ["/G1 X1.", "(comment", "F77", "M98 P1", "O7", "G94", "G93", "#1=3", "G1 X#1", f"G1 {place(3)} A1. C2."],
+    ".cl": [
+        "RAPID",
+        "GODLTA/1,0,0",
+        "CYCLE/DRILL",
+        "CYCLE/OFF",
+        "TLAXIS/0,0,1",
+        "MULTAX/OFF",
+        "UNITS/INCH",
+        "GOHOME",
+        "$$ c",
+    ]
+    + [
+        "REMARK text",
+        "    GOTO/1,2,3",
+        "FEDRAT/5,IPM",
+        "CIRCLE/1,2,3,0,0,1,5",
+        "GOTO/1,2,3",
+        "CUTCOM/LEFT",
+        "CUTCOM/OFF",
+    ],
+    ".mod": [
+        "ConfL\\On;",
+        "SetDO a,1;",
+        "foo;",
+        "MoveJ home,v200,fine,mill;",
+        "MoveL Offs(home,1,2,3),v50,z1,mill;",
+        "x:=5;",
+    ]
+    + [
+        "IF a THEN",
+        "ENDIF",
+        "VAR num x;",
+        "MoveC home,home,v5,z1,mill;",
+        "ENDPROC",
+        "PROC other()",
+        's:="a;b";',
+        "mill.x:=3;",
+    ],
+}
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_damaged_programs_read_in_pieces_as_they_do_as_a_whole(long_program, seed):
+    """Lines taken out, put in and spoilt; or the pieces depend on each other, which is said."""
+    path, _ = long_program
+    rng, lines = random.Random(seed), path.read_text().split("\n")
+    for _ in range(rng.choice([1, 2, 4, 8])):
+        at, what = rng.randrange(len(lines)), rng.random()
+        if what < 0.5:
+            lines.insert(at, rng.choice(STRAY[path.suffix]))
+        elif what < 0.75:
+            del lines[at]
+        else:
+            lines[at] = lines[at][:4] + rng.choice(" ;()XZG1.-,$") + lines[at][5:]
+    path.write_text("\n".join(lines))
+    try:
+        found = list(pieces(path, None, SIZE))
+    except NeedsWhole:
+        return
+    whole = read_program(path)
+    own = [slice(bool(n), None) for n in range(len(found))]
+    for name in ("line", "kind", "refused", "feed_mm_per_min", "position_mm", "orientation", "follows", "external"):
+        joined = np.concatenate([getattr(piece, name)[rows] for piece, rows in zip(found, own, strict=True)])
+        np.testing.assert_array_equal(joined, getattr(whole, name), err_msg=name)
+    told = sorted((r.line, r.reason) for piece in found for r in (*piece.refusals, *piece.notes))
+    assert told == sorted((r.line, r.reason) for r in (*whole.refusals, *whole.notes))
 
 
 def test_another_process_reads_a_piece_again_as_it_is(long_program):

@@ -131,6 +131,18 @@ def test_pieces_and_the_whole_give_the_same_bytes_and_the_same_account(program, 
     assert corrected(parts, tmp_path / "out.src") == whole.raw
 
 
+def test_pieces_with_as_many_points_as_the_arm_has_joints(model, tools, tmp_path):
+    """The points of an array are told from its joints by all pieces together."""
+    path = tmp_path / "few.src"
+    path.write_bytes((HEAD + "".join(line(n, kind="LIN" if n % 8 < 2 else "PTP") for n in range(80))).encode())
+    counts = {int(piece.corrected.sum()) for piece in pieces(path, None, SIZE)}
+    assert max(counts) == 6
+    assert len(counts) > 1
+    whole, parts = both(path, model, tools.process())
+    np.testing.assert_allclose(parts.path.postures.q, whole.path.postures.q, atol=1e-9)
+    np.testing.assert_array_equal(parts.line, whole.line)
+
+
 def test_a_kink_at_the_border_of_two_pieces_is_seen(program, model, tools, tmp_path):
     """The force sets in at the first motion of the second piece: nothing but that step bends the path."""
     path = tmp_path / "even.src"

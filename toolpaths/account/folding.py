@@ -78,19 +78,18 @@ def _axis(value: NDArray[Any], number: int) -> int | None:
     return value.ndim - 1 if value.ndim and value.shape[-1] == number else None
 
 
-def _joined(values: Sequence[Any], model: Any, number: int) -> Any:
-    """The pieces' trees one after the other; `model` is the tree of the largest piece, of `number` points."""
-    if isinstance(model, np.ndarray):
-        axis = _axis(model, number)
-        return values[0] if axis is None else np.concatenate(values, axis=axis)
-    if is_dataclass(model) and not isinstance(model, type):
-        changes = {
-            f.name: _joined([getattr(value, f.name) for value in values], getattr(model, f.name), number)
-            for f in fields(model)
-            if f.init
-        }
-        return replace(values[0], **changes)
-    return values[0]
+def _joined(values: Sequence[Any], numbers: Sequence[int]) -> Any:
+    """The pieces' trees one after the other; `numbers` says how many points each has."""
+    first = values[0]
+    if isinstance(first, np.ndarray):
+        axes = (0, first.ndim - 1) if first.ndim else ()
+        along = (a for a in axes if all(v.shape[a] == number for v, number in zip(values, numbers, strict=True)))
+        axis = next(along, None)
+        return first if axis is None else np.concatenate(values, axis=axis)
+    if is_dataclass(first) and not isinstance(first, type):
+        own = [f.name for f in fields(first) if f.init]
+        return replace(first, **{name: _joined([getattr(value, name) for value in values], numbers) for name in own})
+    return first
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -145,10 +144,10 @@ def folded(
     borders
         Where a piece goes on without a break: see `evenness.across`.
     """
-    largest = max(results, key=lambda result: result.rows.size)
-    joined: Compensation = _joined(results, replace(largest, program=results[0].program), largest.rows.size)
     programs = [result.program for result in results]
-    program = _joined(programs, largest.program, len(largest.program))
+    program = _joined(programs, [len(piece) for piece in programs])
+    alike = [replace(result, program=programs[0]) for result in results]
+    joined: Compensation = _joined(alike, [result.rows.size for result in results])
     said = fold_facts(facts, [step.to_dict(line) for step, line in borders])
     best = results[0].account.causes.best
     for result in results[1:]:

@@ -98,7 +98,7 @@ class Continued(NamedTuple):
     Attributes
     ----------
     line
-        Of the last motion.
+        Lines so far.
     values, status, feed_mm_per_min
         The pose, what was last said of the branch, the feed.
     moved
@@ -143,9 +143,10 @@ class Reading:
         self.rows.feed_mm_per_min = before.feed_mm_per_min
 
     def hand_on(self) -> Continued:
-        """What the next piece needs to know; this one ends with the line of its last motion."""
-        rows, frames = self.rows, tuple(self._frame.values())
-        return Continued(self.line, tuple(rows.values), rows.last_status(), rows.feed_mm_per_min, rows.moved, frames)
+        """What the next piece needs to know."""
+        rows, lines = self.rows, self.to(len(self.raw)) - 1
+        frames = tuple(self._frame.values())
+        return Continued(lines, tuple(rows.values), rows.last_status(), rows.feed_mm_per_min, rows.moved, frames)
 
     @property
     def goes_to_stored(self) -> bool:
