@@ -18,7 +18,7 @@ from drake_stiffness.rotations import Array
 from drake_stiffness.stability import HOPELESS, judge_stability, newton, softness
 from drake_stiffness.structure import Structure, deflect, stack, unstack
 
-# Postures are evaluated in chunks that stay in the processor's cache.
+# Postures at a time, few enough for the processor's cache. No power of two: rows so far apart meet in the same places of it.
 CHUNK = 5000
 # Arms contract by a hundredth; what is still under way then is near buckling, and is finished by Newton's method.
 _MAX_ITERATIONS = 60

@@ -41,8 +41,7 @@ States = tuple[Equilibrium, Equilibrium | None]
 # Which points, and where their tools are less where they are wanted (3, n), m, world: to their wrench (6, n).
 Follows = Callable[[slice, Floats], Floats]
 
-CHUNK = 5000
-_MAX_STEPS = 20
+CHUNK, _MAX_STEPS = 5000, 20
 # Rounds in which force and depth of cut settle, and the change of the tool's place, m, at which they have.
 _ROUNDS, _SETTLED = 30, 1e-8
 # Converged when no pose moves by more than this (m and rad): a thousandth of the last digit programs print.
@@ -103,8 +102,7 @@ class Bench:
         """
         if self.linear:
             poses = forward(self.loaded.arm, q)
-            sag = self.reference == "rigid"
-            twist = linear_deflection(self.loaded, poses, wrench, self.p_ET, weight=sag)
+            twist = linear_deflection(self.loaded, poses, wrench, self.p_ET, weight=self.reference == "rigid")
             return *moved(twist, *self.tool(poses.R_E, poses.p_E)), start
         in_order = self.order.cases(q, wrench, self.p_ET) if self.order else None
         cases = in_order or Cases(q, wrench, self.p_ET)
@@ -328,10 +326,7 @@ def command(bench: Bench, q: Floats, twist: Floats, free: list[int], newton_step
     """Joints whose rigid TCP is moved by a small twist (6, N) in the world: Newton on the rigid arm."""
     poses = forward(bench.arm, q)
     R, p = bench.tool(poses.R_E, poses.p_E)
-    moved_by_one = _stepped(bench, poses, q, p, twist, free)
-    if newton_steps == 1:
-        return moved_by_one
-    return reach(bench, moved_by_one, *moved(twist, R, p), free, newton_steps - 1)
+    return reach(bench, _stepped(bench, poses, q, p, twist, free), *moved(twist, R, p), free, newton_steps - 1)
 
 
 def reach(bench: Bench, q: Floats, R_goal: Floats, p_goal: Floats, free: list[int], newton_steps: int = 2) -> Floats:
