@@ -169,14 +169,11 @@ class Reader:
 
     def complete(self, at: int) -> bool:
         """Whether all words of the present pose are known; if not, the line is refused."""
-        unknown = [
-            letter.decode() for letter, value in zip(self.letters, self.rows.values, strict=False) if math.isnan(value)
-        ]
+        pairs = zip(self.letters, self.rows.values, strict=False)
+        unknown = ", ".join(letter.decode() for letter, value in pairs if math.isnan(value))
         self.all_known = not unknown
         if unknown:
-            reason = (
-                f"{', '.join(unknown)} not written here and not known: {self.unknown_since} (write them on this line)"
-            )
+            reason = f"{unknown} not written here and not known: {self.unknown_since} (write them on this line)"
             self.refusals.append(Refusal(self.line, reason, column=at - self._begin + 1))
         return self.all_known
 
@@ -226,11 +223,9 @@ class Reader:
         if g.FRAME.search(code):
             self.modal.blocked["frame"] = f"line {self.line} moves the program's frame: {shown(code, 0, len(code))!r}"
         if g.AXIS_PATTERN.search(code) or g.CALL.search(code):
-            arc = self.modal.mode in (2, 3)
-            if arc:
-                self.arcs.append(
-                    FoundArc(self.line, self._begin, self._end, (), bool(g.G_PATTERN.search(code)), error.found)
-                )
+            if self.modal.mode in (2, 3):
+                explicit = bool(g.G_PATTERN.search(code))
+                self.arcs.append(FoundArc(self.line, self._begin, self._end, (), explicit, error.found))
             self.leave(error.at, error.found, force=self.modal.mode != 0)
         elif not g.ASSIGNMENT.match(code):
             self.lost(f"line {self.line}: {shown(code, 0, len(code), 30)!r}")
