@@ -26,6 +26,7 @@ from drake_stiffness.rotations import (
     multiply,
     rotate,
     rotate_back,
+    rotate_fixed,
     turned,
 )
 
@@ -154,13 +155,14 @@ def forward(
     N = angles.shape[1]
     R, p = np.broadcast_to(np.eye(3)[:, :, None], (3, 3, 1)), np.zeros((3, 1))
     out = Poses([], [], [], [], [], [], R, p)
+    bends = {} if theta_link is None else _bends(theta_link)
     turns_not = (np.eye(3) == arm.R_PF).all(axis=(1, 2))
     for k in range(n + 1):
         if k:
-            out.p_C.append(p + rotate(R, arm.p_MCom[k][:, None]))
+            out.p_C.append(p + rotate_fixed(R, arm.p_MCom[k]))
         else:
             out.p_C.append(p)
-        p = p + rotate(R, arm.p_PF[k][:, None])
+        p = p + rotate_fixed(R, arm.p_PF[k])
         if not turns_not[k]:
             R = multiply(R, arm.R_PF[k][:, :, None])
         out.R_F.append(R)
@@ -168,11 +170,11 @@ def forward(
         theta = None if theta_link is None else theta_link[k]
         if theta is not None:
             p = p + rotate(R, theta[:3])
-            R = multiply(R, exponential(theta[3:]))
+            R = multiply(R, bends[k])
         out.p_S.append(p)
         if k == n:
             break
-        axis = rotate(R, arm.axis_F[k][:, None])
+        axis = rotate_fixed(R, arm.axis_F[k])
         out.axis.append(axis)
         out.p_J.append(p)
         if arm.prismatic[k]:
@@ -181,8 +183,17 @@ def forward(
             R = turned(R, arm.axis_F[k], angles[k])
     full = (3, 3, N)
     R_E, p_E = np.broadcast_to(R, full), np.broadcast_to(p, full[1:])
-    out.p_C.append(p_E + rotate(R_E, arm.p_ETool[:, None]))
+    out.p_C.append(p_E + rotate_fixed(R_E, arm.p_ETool))
     return Poses(out.R_F, out.p_F, out.p_S, out.axis, out.p_J, out.p_C, R_E, p_E)
+
+
+def _bends(theta_link: Sequence[Array | None]) -> dict[int, Array]:
+    """Rotation (3, 3, N) of every link spring that there is; all at once, because calls cost more than numbers."""
+    known = {k: theta[3:] for k, theta in enumerate(theta_link) if theta is not None}
+    if not known:
+        return {}
+    all_of_them = exponential(np.concatenate(list(known.values()), axis=1))
+    return dict(zip(known, np.split(all_of_them, len(known), axis=2), strict=True))
 
 
 def torques(

@@ -27,6 +27,16 @@ def rotate(R: Array, v: Array) -> Array:
     return R[:, 0] * v[0] + R[:, 1] * v[1] + R[:, 2] * v[2]
 
 
+def rotate_fixed(R: Array, v: Array) -> Array:
+    """R v for `R (3, 3, N)` and one vector `(3,)`; components that are zero cost nothing (dimensions of arms have many)."""
+    out: Array | None = None
+    for component, column in zip(v.tolist(), R.transpose(1, 0, 2), strict=True):
+        if component:
+            part = column if component == 1.0 else column * component
+            out = part if out is None else out + part
+    return np.zeros((3, R.shape[2])) if out is None else out
+
+
 def rotate_back(R: Array, v: Array) -> Array:
     """R^T v, the components of `v` in the frame that R describes."""
     return R[0] * v[0] + R[1] * v[1] + R[2] * v[2]
@@ -133,8 +143,8 @@ def turned(R: Array, axis: Array, angle: Array) -> Array:
     a, b = (own + 1) % 3, (own + 2) % 3
     out = np.empty((3, 3, angle.size))
     out[:, own] = R[:, own]
-    out[:, a] = R[:, a] * c + R[:, b] * s
-    out[:, b] = R[:, b] * c - R[:, a] * s
+    np.add(R[:, a] * c, R[:, b] * s, out=out[:, a])
+    np.subtract(R[:, b] * c, R[:, a] * s, out=out[:, b])
     return out
 
 

@@ -9,6 +9,7 @@ effects get central differences of the loaded equilibrium.
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,28 +28,33 @@ from drake_stiffness.structure import carried_with_hardware
 _STEP = 0.05
 
 
-def sensitivity(model: Model, cases: Cases, case: NDArray[np.int_], point: NDArray[np.str_]) -> Array:
+def sensitivity(
+    model: Model, cases: Cases, case: NDArray[np.int_], point: NDArray[np.str_], *, turns: bool = True
+) -> Array:
     """Change of M readings per unit of every parameter's scale.
 
     Parameters
     ----------
     case, point : (M,)
         Which case each reading belongs to, and which reference point is read.
+    turns : bool
+        Whether rotations are wanted too.
 
     Returns
     -------
-    (M, 6, n)
+    (M, 6, n) or (M, 3, n), parameter slowest in memory
         Rows: position (m) and rotation of the flange (rad).
     """
-    out = np.empty((case.size, 6, model.x.size))
+    rows = 6 if turns else 3
+    out = np.empty((model.x.size, rows, case.size))
     springs = SpringColumns(model, cases, case, point) if any(isinstance(e, Spring) for e in model.effects) else None
     for effect, own in zip(model.effects, model.slices, strict=True):
         if isinstance(effect, Spring) and springs is not None:
-            out[:, :, own] = springs.of(effect)
+            columns = springs.of(effect, rows)
         else:
-            out[:, :, own] = _differences(model, cases, case, point, own)
-    out *= model.scales
-    return out
+            columns = _differences(model, cases, case, point, own)[:, :rows]
+        np.multiply(columns.transpose(2, 1, 0), model.scales[own, None, None], out=out[own])
+    return out.transpose(2, 1, 0)
 
 
 def has_finite_differences(model: Model) -> bool:
@@ -93,10 +99,15 @@ class SpringColumns:
         self.p = self.poses.p_E + rotate(R, model.point_positions(point))
         self.turn = instrument_jacobians(model, cases, Reading(self.p, R, point, case))
 
-    def of(self, effect: Spring) -> Array:
+    @cached_property
+    def _joints(self) -> Array:
+        return joint_jacobian(self.arm, self.poses, self.p)
+
+    def of(self, effect: Spring, rows: int = 6) -> Array:
+        """Columns (M, rows, p) of an effect: all rows, or the three of the position."""
         place, number = effect.site(self.arm)
         if place == "joint":
-            J = joint_jacobian(self.arm, self.poses, self.p)[number][None]
+            J = self._joints[number][None]
             tau = self.tau_joint[number][None, self.case]
         else:
             J = link_jacobian(self.poses, number, self.p)
@@ -104,9 +115,9 @@ class SpringColumns:
             assert tau_k is not None
             tau = tau_k[:, self.case]
         # the column of an unknown is the sum over ij of J_i omega_ij tau_j; omega is sparse, so go through its ones
-        out = np.zeros((len(effect.basis), 6, self.case.size))
+        out = np.zeros((len(effect.basis), rows, self.case.size))
         for unknown, i, j in zip(*np.nonzero(effect.basis), strict=True):
-            out[unknown] += effect.basis[unknown, i, j] * J[i] * tau[j]
+            out[unknown] += J[i, :rows] * (effect.basis[unknown, i, j] * tau[j])
         return self._passed_on(out)
 
     def moves(self, number: int) -> Array:

@@ -33,7 +33,7 @@ Z95 = 1.959963984540054
 # Compliances below this, in units of scale, are none.
 _NOTHING = 1e-6
 # Readings whose gradients are held at once.
-_CHUNK = 2048
+_CHUNK = 4000
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,9 +76,9 @@ def displacement_gradient(model: Model, cases: Cases, case: NDArray[np.int_], po
     if all(isinstance(effect, Spring) for effect in model.effects):
         # Columns of springs are linear in what they carry (seed eq. 23): weight drops out of the difference.
         weightless = replace(model, arm=replace(model.arm, gravity=np.zeros(3)))
-        return sensitivity(weightless, few, here, point)[:, :3]
-    loaded, unloaded = sensitivity(model, few, here, point), sensitivity(model, few.unloaded(), here, point)
-    return loaded[:, :3] - unloaded[:, :3]
+        return sensitivity(weightless, few, here, point, turns=False)
+    loaded, unloaded = (sensitivity(model, some, here, point, turns=False) for some in (few, few.unloaded()))
+    return np.asarray(loaded - unloaded)
 
 
 def tool_support(model: Model, cases: Cases) -> Support:
@@ -90,7 +90,7 @@ def tool_support(model: Model, cases: Cases) -> Support:
 
 def position_support(model: Model, cases: Cases, case: NDArray[np.int_], point: NDArray[np.str_]) -> Support:
     """Support of predicted positions."""
-    return _support(_Evidence.of(model), sensitivity(model, cases, case, point)[:, :3])
+    return _support(_Evidence.of(model), sensitivity(model, cases, case, point, turns=False))
 
 
 @dataclass(frozen=True, eq=False)
@@ -134,12 +134,17 @@ def _support(evidence: _Evidence | None, gradient: Array) -> Support:
     if evidence is None:
         unknown = np.full((M, 3), np.nan)
         return Support(unknown, np.zeros(M), unknown, unknown, np.full((M, 3, 3), np.nan), unknown)
-    spread = gradient @ evidence.root
-    covariance = spread @ spread.transpose(0, 2, 1)
+    a = np.ascontiguousarray(gradient.transpose(2, 1, 0)).reshape(
+        -1, 3 * M
+    )  # all readings side by side: products are few and long
+    spread = (evidence.root.T @ a).reshape(-1, 3, M)
+    covariance = np.empty((M, 3, 3))
+    for i, j in ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2)):
+        covariance[:, i, j] = covariance[:, j, i] = (spread[:, i] * spread[:, j]).sum(axis=0)
     sigma = np.sqrt(np.einsum("mcc->mc", covariance))
-    centre = gradient @ evidence.shift
+    centre = (evidence.shift @ a).reshape(3, M).T
     low, high = np.minimum(centre - Z95 * sigma, 0.0), np.maximum(centre + Z95 * sigma, 0.0)
-    return Support(sigma, _unsupported(evidence, gradient), low, high, covariance, centre)
+    return Support(sigma, _unsupported(evidence, a), low, high, covariance, centre)
 
 
 def _root(C: Array) -> Array:
@@ -159,9 +164,11 @@ def _plausible_size(model: Model) -> Array:
     return np.where(springs, np.maximum(size, typical), 1.0)
 
 
-def _unsupported(evidence: _Evidence, gradient: Array) -> Array:
+def _unsupported(evidence: _Evidence, a: Array) -> Array:
+    """Share (M,) of gradients (n, 3 M), coordinate by coordinate."""
+    M = a.shape[1] // 3
     if not evidence.unseen.shape[1]:
-        return np.zeros(gradient.shape[0])
-    blind = gradient @ evidence.unseen
-    whole = np.sqrt((gradient**2 @ evidence.weight**2).sum(axis=1))
-    return np.sqrt((blind**2).sum(axis=(1, 2))) / np.where(whole > 0, whole, 1.0)
+        return np.zeros(M)
+    blind = ((evidence.unseen.T @ a) ** 2).sum(axis=0).reshape(3, M).sum(axis=0)
+    whole = (evidence.weight**2 @ a**2).reshape(3, M).sum(axis=0)
+    return np.asarray(np.sqrt(blind / np.where(whole > 0, whole, 1.0)))

@@ -7,6 +7,8 @@ that the user gives decides what the first bits mean, and where a bit changes th
 
 from __future__ import annotations
 
+from bisect import bisect_left
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -16,7 +18,8 @@ Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
 
 _TURN = 2 * np.pi
-_BLOCK = 8192
+# Rows looked at together while a column goes on, and after it was left.
+_BLOCK, _SHORT = 4000, 32
 
 
 def continuous(
@@ -79,26 +82,38 @@ def _inside(q: Floats, lower: Floats, upper: Floats) -> Floats:
     return np.where(q < low, q + _TURN * np.ceil((low - q) / _TURN), q)
 
 
-def _follow(branches: Floats, first: int, sides: Bools | None, flips: Bools) -> list[int]:
+def _follow(branches: Floats, first: int, sides: Bools | None, flips: Bools) -> NDArray[np.int_]:
     """Column of every row: each the nearest to the one before, on the other side where the program says so."""
     N = branches.shape[2]
-    changes = set(np.flatnonzero(flips.any(axis=0)).tolist())
-    column = first if 0 not in changes else _across(branches[:, :, 0], branches[:, first, 0], sides, flips, 0, first)
-    chosen = [column]
-    for begin in range(1, N, _BLOCK):
-        end = min(begin + _BLOCK, N)
-        # nearest[i, a]: the column at row i that is nearest to column a of the row before.
-        apart = np.abs(_wrapped(branches[:, None, :, begin:end] - branches[:, :, None, begin - 1 : end - 1])).sum(
-            axis=0
-        )
-        nearest = np.nan_to_num(apart, nan=np.inf).argmin(axis=1).T.tolist()
-        for row, table in enumerate(nearest, begin):
-            if row in changes:
-                column = _across(branches[:, :, row], branches[:, column, row - 1], sides, flips, row, table[column])
-            else:
-                column = table[column]
-            chosen.append(column)
+    changes = [*np.flatnonzero(flips.any(axis=0)).tolist(), N]
+    column = first if changes[0] else _across(branches[:, :, 0], branches[:, first, 0], sides, flips, 0, first)
+    chosen = np.full(N, column)
+    row, ahead = 1, _BLOCK
+    while row < N:
+        # A path seldom leaves its column, because eaik returns its solutions in one order: look how far it stays.
+        change = changes[bisect_left(changes, row)]
+        stop = min(row + ahead, change + 1, N)
+        nearest = _nearest(branches, column, row, stop)
+        stays = nearest == column
+        stays[change - row :] = False
+        left = nearest.size if stays.all() else int(stays.argmin())
+        chosen[row : row + left] = column
+        row, ahead = row + left, min(2 * ahead, _BLOCK)
+        if row == stop:
+            continue
+        same = int(nearest[left])
+        if row == change:
+            same = _across(branches[:, :, row], branches[:, column, row - 1], sides, flips, row, same)
+        chosen[row] = column = same
+        row, ahead = row + 1, _SHORT
     return chosen
+
+
+def _nearest(branches: Floats, column: int, begin: int, end: int) -> NDArray[np.int_]:
+    """Of rows `begin` to `end` the column that is nearest to a given one of the row before."""
+    before = branches[:, column, None, begin - 1 : end - 1]
+    apart = np.abs(_wrapped(branches[:, :, begin:end] - before)).sum(axis=0)
+    return np.asarray(np.nan_to_num(apart, nan=np.inf).argmin(axis=0))
 
 
 def _across(candidates: Floats, before: Floats, sides: Bools | None, flips: Bools, row: int, same: int) -> int:

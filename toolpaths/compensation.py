@@ -22,16 +22,16 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from drake_stiffness.arm import Arm, forward, joint_jacobian
+from drake_stiffness.arm import Arm, Poses, forward, joint_jacobian
 from drake_stiffness.effects.effect import Cases
 from drake_stiffness.equilibrium import Equilibrium, solve_equilibrium
 from drake_stiffness.errors import NoEquilibriumError
 from drake_stiffness.model import Model
-from drake_stiffness.rotations import exponential, logarithm, multiply, rotate
+from drake_stiffness.rotations import logarithm, multiply, rotate_fixed
 from drake_stiffness.structure import Structure, build_structure
+from toolpaths.damped import damped_step
 from toolpaths.history import PathOrder, remembers
 from toolpaths.linear import linear_deflection, moved
-from toolpaths.postures import solve_damped
 
 Floats = NDArray[np.float64]
 Reference = Literal["unloaded", "rigid"]
@@ -41,16 +41,15 @@ States = tuple[Equilibrium, Equilibrium | None]
 # Which points, and where their tools are less where they are wanted (3, n), m, world: to their wrench (6, n).
 Follows = Callable[[slice, Floats], Floats]
 
-CHUNK = 4096
-_MAX_STEPS = 20
+CHUNK, _MAX_STEPS = 5000, 20
 # Rounds in which force and depth of cut settle, and the change of the tool's place, m, at which they have.
 _ROUNDS, _SETTLED = 30, 1e-8
 # Converged when no pose moves by more than this (m and rad): a thousandth of the last digit programs print.
 _TOLERANCE = 1e-9
 # A step that leaves less than the tolerance, shrinking as it did before, is taken without looking again.
 _SMOOTH = 0.1
-# Deflections (rad and m) are found to this: far below what the iteration looks at.
-_DEFLECTION_TOLERANCE = 1e-11
+# Deflections (rad and m) are found to this: well below what the iteration looks at.
+_DEFLECTION_TOLERANCE = 1e-10
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,8 +102,7 @@ class Bench:
         """
         if self.linear:
             poses = forward(self.loaded.arm, q)
-            sag = self.reference == "rigid"
-            twist = linear_deflection(self.loaded, q, wrench, self.p_ET, weight=sag)
+            twist = linear_deflection(self.loaded, poses, wrench, self.p_ET, weight=self.reference == "rigid")
             return *moved(twist, *self.tool(poses.R_E, poses.p_E)), start
         in_order = self.order.cases(q, wrench, self.p_ET) if self.order else None
         cases = in_order or Cases(q, wrench, self.p_ET)
@@ -126,7 +124,7 @@ class Bench:
 
     def tool(self, R_E: Floats, p_E: Floats) -> tuple[Floats, Floats]:
         """The TCP's pose from the flange's."""
-        return multiply(R_E, self.R_ET[:, :, None]), p_E + rotate(R_E, self.p_ET[:, None])
+        return multiply(R_E, self.R_ET[:, :, None]), p_E + rotate_fixed(R_E, self.p_ET)
 
 
 def bench_of(model: Model, reference: Reference, geometry: bool) -> Bench:
@@ -238,9 +236,10 @@ def deviation(
 ) -> tuple[Floats, States | None]:
     """Twist (6, N) from where the tool is to where it is wanted (poses `R0`, `p0`), and the states behind it."""
     R, p, states = bench.actual(q, wrench, start)
-    # Where the program writes no angles the commanded orientation stays, and nothing is asked of the real one.
-    R_seen = np.where(position_only, bench.commanded(q)[0], R)
-    return np.concatenate([p0 - p, logarithm(multiply(R0, R_seen.transpose(1, 0, 2)))]), states
+    if position_only.any():
+        # Where the program writes no angles the commanded orientation stays, and nothing is asked of the real one.
+        R = np.where(position_only, bench.commanded(q)[0], R)
+    return np.concatenate([p0 - p, logarithm(multiply(R0, R.transpose(1, 0, 2)))]), states
 
 
 def _settled(
@@ -325,19 +324,25 @@ def _mirror_chunk(
 
 def command(bench: Bench, q: Floats, twist: Floats, free: list[int], newton_steps: int = 2) -> Floats:
     """Joints whose rigid TCP is moved by a small twist (6, N) in the world: Newton on the rigid arm."""
-    R, p = bench.commanded(q)
-    return reach(bench, q, multiply(exponential(twist[3:]), R), p + twist[:3], free, newton_steps)
+    poses = forward(bench.arm, q)
+    R, p = bench.tool(poses.R_E, poses.p_E)
+    return reach(bench, _stepped(bench, poses, q, p, twist, free), *moved(twist, R, p), free, newton_steps - 1)
 
 
 def reach(bench: Bench, q: Floats, R_goal: Floats, p_goal: Floats, free: list[int], newton_steps: int = 2) -> Floats:
     """Joints near `q` whose rigid TCP stands at a goal pose; two Newton steps square away millimetres, one micrometres."""
-    q = q.copy()
     for _ in range(newton_steps):
         poses = forward(bench.arm, q)
         R, p = bench.tool(poses.R_E, poses.p_E)
         off = np.concatenate([p_goal - p, logarithm(multiply(R_goal, R.transpose(1, 0, 2)))])
-        J = joint_jacobian(bench.arm, poses, p)[free].transpose(2, 1, 0)
-        q[free] += solve_damped(J, off.T).T
+        q = _stepped(bench, poses, q, p, off, free)
+    return q
+
+
+def _stepped(bench: Bench, poses: Poses, q: Floats, p: Floats, twist: Floats, free: list[int]) -> Floats:
+    """One Newton step from joints `q` with `poses` and TCP `p`."""
+    q = q.copy()
+    q[free] += damped_step(joint_jacobian(bench.arm, poses, p)[free], twist)
     return q
 
 

@@ -14,9 +14,9 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from drake_stiffness.arm import forward, joint_jacobian, torques
+from drake_stiffness.arm import Poses, joint_jacobian, torques
 from drake_stiffness.errors import InputError
-from drake_stiffness.rotations import cross, exponential, multiply, rotate
+from drake_stiffness.rotations import cross, exponential, multiply, rotate, rotate_fixed
 from drake_stiffness.structure import Structure
 
 Floats = NDArray[np.float64]
@@ -33,11 +33,15 @@ def check_linear(structure: Structure) -> None:
         )
 
 
-def linear_deflection(structure: Structure, q: Floats, wrench: Floats, p_ET: Floats, *, weight: bool) -> Floats:
-    """Twist (6, N) of the tool centre point in the world, m and rad, under a wrench (6, N) and, if asked for, weight."""
+def linear_deflection(structure: Structure, poses: Poses, wrench: Floats, p_ET: Floats, *, weight: bool) -> Floats:
+    """Twist (6, N) of the tool centre point in the world, m and rad, under a wrench (6, N) and, if asked for, weight.
+
+    Parameters
+    ----------
+    poses : of the undeflected arm
+    """
     arm = structure.arm if weight else replace(structure.arm, gravity=np.zeros(3))
-    poses = forward(arm, q)
-    tip = poses.p_E + rotate(poses.R_E, p_ET[:, None])
+    tip = poses.p_E + rotate_fixed(poses.R_E, p_ET)
     tau, tau_link = torques(arm, poses, wrench, p_ET, None, structure.links)
     J = joint_jacobian(arm, poses, tip)
     twist = (J * (structure.k_joint[:, None] * tau)[:, None]).sum(axis=0)

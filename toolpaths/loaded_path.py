@@ -19,7 +19,7 @@ from toolpaths.forces import Load, loads, wrenches
 from toolpaths.history import begins, path_order
 from toolpaths.linear import check_linear
 from toolpaths.milling.coupling import depth_gain
-from toolpaths.postures import Postures, along_path, outside_limits, singularity_margin
+from toolpaths.postures import Postures, along_path, least_margin, outside_limits, singularity_margin
 from toolpaths.process import Process, external_positions, posture
 from toolpaths.program import Program, line_before
 from toolpaths.spin import Ride, Spin, stiffest
@@ -238,8 +238,8 @@ def postures_on(
     if outside:
         joint = model.arm.joint_names[outside[0][1]]
         fail(program, rows[sorted({row for row, _ in outside})], f"outside the joint limits (first: joint '{joint}')")
-    margin = singularity_margin(model.arm, postures.q)
-    if (margin < SINGULAR_BELOW).any():
+    if least_margin(model.arm, postures.q) < SINGULAR_BELOW:
+        margin = singularity_margin(model.arm, postures.q)
         fail(
             program,
             rows[margin < SINGULAR_BELOW],

@@ -16,7 +16,7 @@ import tempfile
 import weakref
 from collections import deque
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from itertools import islice
 from pathlib import Path
 from typing import IO, Any
@@ -26,20 +26,23 @@ from numpy.typing import NDArray
 
 from drake_stiffness.errors import InputError
 from drake_stiffness.model import Model
+from toolpaths.account.evenness import End, Evenness, across
 from toolpaths.account.folding import KEPT, LongCompensation, folded, give_bins, rows_of, tallied, thinned
 from toolpaths.compensation import bench_of
 from toolpaths.forces import ForceRows
 from toolpaths.formats import read_program
-from toolpaths.formats.krl_motions import NeedsWhole
 from toolpaths.formats.pieces import PIECE_BYTES, comes_in_pieces, pieces
+from toolpaths.formats.reading import NeedsWhole
 from toolpaths.job import Progress, compensate, silent
 from toolpaths.loaded_path import postures_on, targets
 from toolpaths.process import Process, external_positions, governing, posture, refuse_changes
-from toolpaths.program import FrameSetting, Program, Refusal
+from toolpaths.program import FrameSetting, Program, Refusal, quantum_mm
 from toolpaths.refusals import refuse
 from toolpaths.result import Compensation
+from toolpaths.rotary import declare
 
 Floats = NDArray[np.float64]
+Ints = NDArray[np.int_]
 
 PROCESSES = 2
 # Postures agree to this (rad and m) where a piece was started from the right one.
@@ -95,13 +98,27 @@ def _needs_whole(model: Model, process: Process) -> bool:
 
 @dataclass(frozen=True, eq=False)
 class _Done:
-    """A piece: its account, thinned, and what it says of itself; the corrected bytes; postures of its first and last point."""
+    """A piece.
+
+    Attributes
+    ----------
+    raw
+        The corrected bytes.
+    result, facts
+        Its account, thinned, and what it says of itself; None and nothing where it has no motion under force.
+    first, last
+        Postures of its first and last point.
+    begin, end
+        These points where the path goes on to them from the piece before, and from them to the piece after.
+    """
 
     raw: bytes
-    result: Compensation | None
-    facts: dict[str, Any]
-    first: Floats | None
-    last: Floats | None
+    result: Compensation | None = None
+    facts: dict[str, Any] = field(default_factory=dict)
+    first: Floats | None = None
+    last: Floats | None = None
+    begin: End | None = None
+    end: End | None = None
 
 
 def _correct(
@@ -110,10 +127,24 @@ def _correct(
     """One piece; also run in other processes."""
     if not program.corrected.any():
         refuse(program, program.refusals, options["keep_refused"])
-        return _Done(program.raw, None, {}, None, None)
+        return _Done(program.raw)
     result = compensate(program, model, process, lead=lead, **options)  # type: ignore[arg-type]
-    q = result.path.postures.q
-    return _Done(result.raw, thinned(result, most), result.to_dict(tallied), q[:, 0].copy(), q[:, -1].copy())
+    q, rows = result.path.postures.q, result.rows
+    return _Done(
+        result.raw,
+        thinned(result, most),
+        result.to_dict(tallied),
+        q[:, 0].copy(),
+        q[:, -1].copy(),
+        # The first row of a piece stands for the last motion of the one before.
+        _end(result, 0) if rows[0] == 1 and result.program.follows[1] else None,
+        _end(result, -1) if rows[-1] == len(result.program) - 1 else None,
+    )
+
+
+def _end(result: Compensation, at: int) -> End:
+    quantum = float(quantum_mm(result.program)[result.rows[at]])
+    return End(result.target_mm[at].copy(), result.correction_mm[at].copy(), quantum, int(result.line[at]))
 
 
 @dataclass(eq=False)
@@ -145,6 +176,8 @@ class _Job:
         self.before = hashlib.sha256()
         spool, after = _Spool(self.output), hashlib.sha256()
         results, facts = [], []
+        borders: list[tuple[Evenness, Ints]] = []
+        before: End | None = None
         left: list[Refusal] = []
         notes: list[str] = []
         for index, done in enumerate(self._done(processes)):
@@ -152,6 +185,9 @@ class _Job:
             program = self.sent.pop(index)[0]
             after.update(done.raw)
             spool.write(done.raw)
+            if before is not None and done.begin is not None:
+                borders.append(across(before, done.begin))
+            before = done.end
             if done.result is not None:
                 self.last = done.last
                 results.append(done.result)
@@ -166,7 +202,7 @@ class _Job:
             raise InputError(
                 f"{self.path}: no linear or circular motion with a literal pose; there is nothing to correct."
             )
-        result = folded(results, facts, spool.close(), (self.before.hexdigest(), after.hexdigest()))
+        result = folded(results, facts, borders, spool.close(), (self.before.hexdigest(), after.hexdigest()))
         result.facts["lines"] = self.lines
         result.notes.extend(notes[:20])
         kept = replace(result, refusals=(*result.refusals, *left))
@@ -227,7 +263,7 @@ class _Job:
 
 def _first_posture(program: Program, model: Model, process: Process, lead: Floats) -> Floats:
     """Posture (n,) of the first corrected point where the branch goes on from a given one."""
-    one = rows_of(program, np.flatnonzero(program.corrected)[:1])
+    one = declare(rows_of(program, np.flatnonzero(program.corrected)[:1]), process.gcode, process.path)
     bench, rows = bench_of(model, process.reference, process.geometry), np.zeros(1, dtype=int)
     R, p = targets(one, process, bench, posture(process, model))
     given = external_positions(process, one, model, rows)

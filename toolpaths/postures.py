@@ -15,8 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drake_stiffness.arm import Arm, forward, joint_jacobian
-from toolpaths.analytic import CHUNK, pose_error, six_axes
+from toolpaths.analytic import CHUNK, along_last, near, pose_error, six_axes
 from toolpaths.branches import continuous, sides_of
+from toolpaths.damped import damped_step
 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
@@ -26,6 +27,8 @@ _EXACT = 1e-8
 # Poses per block of the Newton iteration: neighbours on a path are near enough to start from.
 _BLOCK = 64
 _NEWTON_STEPS = 30
+# Of so many neighbours one singular value is known; those near zero are good to this.
+_KNOWN, _ROUNDING = 16, 1e-7
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,7 +72,25 @@ def along_path(
     solver = six_axes(arm, [j for j in range(arm.num_joints) if j not in free], free)
     if solver is None:
         return _newton_path(arm, R_WE, p_WE, posture, q, free)
-    branches = solver.branches(R_WE, p_WE, q)
+    candidates = solver.candidates(R_WE, p_WE, q)
+    followed = _followed(arm, free, candidates, posture, q, flips)
+    R, p = along_last(R_WE), p_WE.T
+    q[free] = np.nan_to_num(followed)
+    step, right = _polish(arm, q, R, p, free)
+    if not (right | np.isnan(followed[0])).all():
+        # A nearest miss came in between: only what is a solution is followed.
+        followed = _followed(arm, free, solver.checked(candidates, R_WE, p_WE, q), posture, q, flips)
+        q[free] = np.nan_to_num(followed)
+        step, _ = _polish(arm, q, R, p, free)
+    q[free] += step
+    reached: Bools = np.asarray(np.isfinite(followed).all(axis=0))
+    for own in _chunks(len(p_WE)):
+        reached[own] &= pose_error(forward(arm, q[:, own]), R[:, :, own], p[:, own])[1] < _EXACT
+    return Postures(np.where(reached, q, np.nan), reached, "eaik", free)
+
+
+def _followed(arm: Arm, free: list[int], branches: Floats, posture: Floats, q: Floats, flips: Bools | None) -> Floats:
+    """Joints (6, N) of the branch that goes on from `posture`; driven joints as in `q`."""
     sides = None
     if flips is not None and flips.any():
         sides = np.zeros((3, *branches.shape[1:]), dtype=bool)
@@ -77,13 +98,16 @@ def along_path(
             trial = q.copy()
             trial[free] = np.nan_to_num(branches[:, b])
             sides[:, b] = sides_of(arm, free, trial)
-    chosen = continuous(branches, posture[free], arm.lower[free], arm.upper[free], sides, flips)
-    q[free] = np.nan_to_num(chosen)
-    reached: Bools = np.asarray(np.isfinite(chosen).all(axis=0))
-    for own in _chunks(len(p_WE)):
-        q[free, own] += _newton_step(arm, q[:, own], R_WE[own], p_WE[own], free)[0]  # from micrometres to rounding
-        reached[own] &= pose_error(arm, q[:, own], R_WE[own], p_WE[own])[1] < _EXACT
-    return Postures(np.where(reached, q, np.nan), reached, "eaik", free)
+    return continuous(branches, posture[free], arm.lower[free], arm.upper[free], sides, flips)
+
+
+def _polish(arm: Arm, q: Floats, R: Floats, p: Floats, free: list[int]) -> tuple[Floats, Bools]:
+    """Step (f, N) of the free joints from micrometres to rounding, and where there were no more than micrometres."""
+    step, right = np.empty((len(free), q.shape[1])), np.empty(q.shape[1], dtype=bool)
+    for own in _chunks(q.shape[1]):
+        step[:, own], error = _newton_step(arm, q[:, own], R[:, :, own], p[:, own], free)
+        right[own] = near(error)
+    return step, right
 
 
 def driven(arm: Arm, posture: Floats, given: dict[int, Floats], number: int) -> tuple[Floats, list[int]]:
@@ -103,26 +127,16 @@ def driven(arm: Arm, posture: Floats, given: dict[int, Floats], number: int) -> 
     return q, [i for i in range(arm.num_joints) if i not in fixed]
 
 
-def _newton_step(arm: Arm, q: Floats, R_WE: Floats, p_WE: Floats, free: list[int]) -> tuple[Floats, Floats]:
-    """Damped Newton step (f, N) of the free joints, and the pose error before it."""
-    twist, error = pose_error(arm, q, R_WE, p_WE)
+def _newton_step(arm: Arm, q: Floats, R: Floats, p: Floats, free: list[int]) -> tuple[Floats, Floats]:
+    """Damped Newton step (f, N) of the free joints towards poses (3, 3, N), (3, N), and the pose error before it."""
     poses = forward(arm, q)
-    J = joint_jacobian(arm, poses, poses.p_E)[free].transpose(2, 1, 0)
-    step = solve_damped(J, twist.T)
-    return step.T, error
-
-
-def solve_damped(J: Floats, twist: Floats) -> Floats:
-    """J^T (J J^T + d I)^-1 twist for (N, 6, f) and (N, 6), with a damping that matters at singularities only."""
-    gram = J @ J.transpose(0, 2, 1)
-    size = np.einsum("nii->n", gram)
-    gram += (1e-12 * size)[:, None, None] * np.eye(J.shape[1])
-    return np.einsum("nif,ni->nf", J, np.linalg.solve(gram, twist[:, :, None])[:, :, 0])
+    twist, error = pose_error(poses, R, p)
+    return damped_step(joint_jacobian(arm, poses, poses.p_E)[free], twist), error
 
 
 def _newton_path(arm: Arm, R_WE: Floats, p_WE: Floats, posture: Floats, q: Floats, free: list[int]) -> Postures:
     """Newton from the posture for the first pose, then block by block from the last pose solved."""
-    N = p_WE.shape[0]
+    N, R, p = p_WE.shape[0], along_last(R_WE), p_WE.T
     reached = np.zeros(N, dtype=bool)
     start = posture[free]
     blocks = [slice(0, 1), *(slice(a, min(a + _BLOCK, N)) for a in range(1, N, _BLOCK))]
@@ -131,13 +145,13 @@ def _newton_path(arm: Arm, R_WE: Floats, p_WE: Floats, posture: Floats, q: Float
             break
         q[free, block] = start[:, None]
         for _ in range(_NEWTON_STEPS):
-            step, error = _newton_step(arm, q[:, block], R_WE[block], p_WE[block], free)
+            step, error = _newton_step(arm, q[:, block], R[:, :, block], p[:, block], free)
             if (error < _EXACT * 1e-2).all():
                 break
             # Steps of more than half a radian (or half a metre) would leave the branch.
             step *= np.minimum(1.0, 0.5 / np.maximum(np.abs(step).max(axis=0), 1e-12))
             q[free, block] += step
-        reached[block] = pose_error(arm, q[:, block], R_WE[block], p_WE[block])[1] < _EXACT
+        reached[block] = pose_error(forward(arm, q[:, block]), R[:, :, block], p[:, block])[1] < _EXACT
         solved = np.flatnonzero(reached[block])
         if solved.size:
             start = q[free, block.start + solved[-1]]
@@ -157,15 +171,41 @@ def singularity_margin(arm: Arm, q: Floats) -> Floats:
     """
     margin = np.empty(q.shape[1])
     for own in _chunks(q.shape[1]):
-        poses = forward(arm, q[:, own])
-        J = joint_jacobian(arm, poses, poses.p_E).transpose(2, 1, 0).copy()
-        J[:, :3] /= arm.length_m
-        for joint, prismatic in enumerate(arm.prismatic):
-            if prismatic:
-                J[:, :, joint] *= arm.length_m
-        smallest = np.linalg.eigvalsh(J @ J.transpose(0, 2, 1))[:, 0]  # half the time of singular values
-        margin[own] = np.sqrt(np.maximum(smallest, 0.0))
+        margin[own] = _smallest(_scaled_jacobian(arm, q[:, own]))
     return margin
+
+
+def least_margin(arm: Arm, q: Floats) -> float:
+    """The smallest of `singularity_margin` along a path (infinite for none), for which few of them need be known.
+
+    Singular values of two Jacobians differ by no more than the Jacobians do (Weyl), and those of neighbours differ little.
+    """
+    least = np.inf
+    for own in _chunks(q.shape[1]):
+        J = _scaled_jacobian(arm, q[:, own])
+        known, N = np.arange(0, J.shape[2], _KNOWN), J.shape[2]
+        margin = _smallest(J[:, :, known])
+        apart = np.sqrt(((J - np.repeat(J[:, :, known], _KNOWN, axis=2)[:, :, :N]) ** 2).sum(axis=(0, 1)))
+        least = min(least, float(margin.min()))
+        doubtful = np.repeat(margin, _KNOWN)[:N] - apart < least + _ROUNDING
+        least = min(least, float(_smallest(J[:, :, doubtful]).min(initial=np.inf)))
+    return least
+
+
+def _scaled_jacobian(arm: Arm, q: Floats) -> Floats:
+    """Rigid Jacobian (n, 6, N) without units."""
+    poses = forward(arm, q)
+    J = joint_jacobian(arm, poses, poses.p_E)
+    J[:, :3] /= arm.length_m
+    J[np.array(arm.prismatic)] *= arm.length_m
+    return J
+
+
+def _smallest(J: Floats) -> Floats:
+    """Smallest singular value (N,) of Jacobians (n, 6, N)."""
+    own = J.transpose(2, 1, 0).copy()
+    smallest = np.linalg.eigvalsh(own @ own.transpose(0, 2, 1))[:, 0]  # half the time of singular values
+    return np.asarray(np.sqrt(np.maximum(smallest, 0.0)))
 
 
 def _chunks(number: int) -> Iterator[slice]:

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from toolpaths.conventions import KUKA, Convention
-from toolpaths.program import EXTERNALS, NO_STATUS, POSITION_WORDS, Part, Program
+from toolpaths.program import EXTERNALS, NO_STATUS, POSITION_WORDS, UNWRITTEN, Part, Program
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int32]
@@ -107,6 +107,12 @@ class ProgramBuilder:
         self._body.append(body)
         self._status.extend(self.status)
         self._feed.append(self.feed_mm_per_min)
+
+    def stand_in(self, line: int, kind: str, values: Iterable[float], *, moved: bool = False) -> None:
+        """A first row that nothing changes, for the last motion of the piece of the program before this one."""
+        self.values = list(values)
+        self.add(line, kind, "point", [UNWRITTEN] * self.width, -1, carries_force=False, refused=False)
+        self._moved = moved
 
     def add_run(self, line: int, kind: str, spans: Offsets, values: Floats, words: list[int], body: Offsets) -> None:
         """Append L rows of motions under force on consecutive lines, each of which writes all words of the pose.

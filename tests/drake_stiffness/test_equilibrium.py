@@ -7,6 +7,7 @@ from scipy.optimize import brentq
 from synthetic import hand_made_arm
 from three_arms import random_postures, random_springs, random_wrench
 
+from drake_stiffness import equilibrium
 from drake_stiffness.effects.effect import Cases
 from drake_stiffness.equilibrium import solve_equilibrium
 from drake_stiffness.errors import UntrustworthyError
@@ -43,15 +44,33 @@ def test_each_case_has_a_load_point_of_its_own_if_asked(arms, judges):
         assert np.abs(X[:3, 3] - found.p_E[:, i]).max() < 1e-9
 
 
-def test_many_postures_in_chunks_are_the_same_as_one_by_one(arms):
+def test_many_postures_in_chunks_are_the_same_as_one_by_one(arms, monkeypatch):
+    monkeypatch.setattr(equilibrium, "CHUNK", 300)
     arm, rng = arms["kr270"], np.random.default_rng(7)
-    q, wrench = random_postures(arm, 2100, rng), random_wrench(2100, rng)
+    q, wrench = random_postures(arm, 700, rng), random_wrench(700, rng)
     k_joint, _ = random_springs(arm, rng)
     structure = Structure(arm, k_joint, (None,) * 7)
     together = solve_equilibrium(structure, Cases(q, wrench, np.zeros(3)))
-    for i in (0, 2047, 2048, 2099):
+    for i in (0, 299, 300, 699):
         alone = solve_equilibrium(structure, Cases(q[:, [i]], wrench[:, [i]], np.zeros(3)))
         assert np.abs(together.p_E[:, i] - alone.p_E[:, 0]).max() < 1e-12
+
+
+@pytest.mark.parametrize("tolerance", [1e-6, 1e-8, 1e-10])
+def test_no_more_than_the_tolerance_is_left_to_find(arms, tolerance):
+    """Also where the iteration starts from a neighbour's deflections, whose contraction it goes by."""
+    arm, rng = arms["kr270"], np.random.default_rng(8)
+    q, wrench = random_postures(arm, 300, rng), random_wrench(300, rng)
+    structure = Structure(arm, *random_springs(arm, rng))
+    exact = solve_equilibrium(structure, Cases(q, wrench, np.zeros(3)))
+    rough = solve_equilibrium(structure, Cases(q, wrench, np.zeros(3)), tolerance=tolerance)
+    near = solve_equilibrium(structure, Cases(q + 1e-3, wrench, np.zeros(3)))
+    again = solve_equilibrium(structure, Cases(q, wrench, np.zeros(3)), near, tolerance)
+    assert rough.iterations < exact.iterations
+    for found in (rough, again):
+        assert np.abs(found.theta_joint - exact.theta_joint).max() < tolerance
+        for own, other in zip(found.theta_link, exact.theta_link, strict=True):
+            assert np.abs(own - other).max() < tolerance
 
 
 # -- a cantilever -------------------------------------------------------------------------------------------------------

@@ -13,6 +13,7 @@ from drake_stiffness.rotations import (
     multiply,
     rotate,
     rotate_back,
+    rotate_fixed,
     rotation_of_axis,
     rpy_rotation,
 )
@@ -67,3 +68,9 @@ def test_a_turn_about_an_axis_and_roll_pitch_yaw_are_scipys():
     assert np.allclose(
         rpy_rotation((0.1, 0.2, 0.3)), Rotation.from_euler("ZYX", [0.3, 0.2, 0.1]).as_matrix(), atol=1e-15
     )
+
+
+@pytest.mark.parametrize("v", [[0.3, -0.2, 0.7], [0.0, 1.0, 0.0], [0.0, 0.0, -1.0], [0.0, 0.0, 0.0]])
+def test_one_vector_is_turned_as_many_are(v):
+    R, v = exponential(vectors(2.5)), np.array(v)
+    np.testing.assert_array_equal(rotate_fixed(R, v), rotate(R, v[:, None]))

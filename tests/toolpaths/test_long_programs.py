@@ -1,5 +1,7 @@
 """A program that is corrected in pieces is corrected as the whole is, and says the same of itself."""
 
+import gc
+import weakref
 from pathlib import Path
 
 import numpy as np
@@ -15,6 +17,7 @@ from toolpaths.formats import read_program
 from toolpaths.formats.pieces import pieces
 from toolpaths.job import compensate
 from toolpaths.long_programs import _Job, compensate_file
+from toolpaths.program_builder import ProgramBuilder
 
 SIZE = 1500
 HEAD = "DEF long( )\r\n$BASE = BASE_DATA[1]\r\n$VEL.CP=0.05\r\nPTP HOME\r\n"
@@ -84,6 +87,19 @@ def test_pieces_hold_every_byte_and_every_row_once(program):
     np.testing.assert_array_equal(follows, whole.follows)
 
 
+def test_a_piece_that_is_done_is_not_kept(program):
+    """Without waiting for the collector of cycles: a million lines would pile up until it comes."""
+    gc.disable()
+    try:
+        gc.collect()
+        alive = [weakref.ref(piece) for piece in pieces(program, None, SIZE)]
+        builders = sum(isinstance(found, ProgramBuilder) for found in gc.get_objects())
+    finally:
+        gc.enable()
+    assert [ref for ref in alive if ref() is not None] == []
+    assert builders == 0
+
+
 def test_pieces_and_the_whole_give_the_same_bytes_and_the_same_account(program, model, tools, tmp_path):
     whole, parts = both(
         program, model, tools.process(force=tools.constant("path", fx_N=300.0, fy_N=200.0, fz_N=-300.0))
@@ -113,6 +129,35 @@ def test_pieces_and_the_whole_give_the_same_bytes_and_the_same_account(program, 
     np.testing.assert_array_equal(parts.line, whole.line)
     np.testing.assert_allclose(parts.path.postures.q, whole.path.postures.q, atol=1e-9)
     assert corrected(parts, tmp_path / "out.src") == whole.raw
+
+
+def test_pieces_with_as_many_points_as_the_arm_has_joints(model, tools, tmp_path):
+    """The points of an array are told from its joints by all pieces together."""
+    path = tmp_path / "few.src"
+    path.write_bytes((HEAD + "".join(line(n, kind="LIN" if n % 8 < 2 else "PTP") for n in range(80))).encode())
+    counts = {int(piece.corrected.sum()) for piece in pieces(path, None, SIZE)}
+    assert max(counts) == 6
+    assert len(counts) > 1
+    whole, parts = both(path, model, tools.process())
+    np.testing.assert_allclose(parts.path.postures.q, whole.path.postures.q, atol=1e-9)
+    np.testing.assert_array_equal(parts.line, whole.line)
+
+
+def test_a_kink_at_the_border_of_two_pieces_is_seen(program, model, tools, tmp_path):
+    """The force sets in at the first motion of the second piece: nothing but that step bends the path."""
+    path = tmp_path / "even.src"
+    path.write_bytes((HEAD + "".join(line(n) for n in range(60))).encode())
+    found = list(pieces(path, None, SIZE))
+    first = int(found[0].corrected.sum())
+    process = tools.process(force={"table": "forces.csv", "frame": "world"})
+    process._path = tmp_path / "process.yaml"
+    (tmp_path / "forces.csv").write_text("fx_N,fz_N\n" + "10,0\n" * first + "900,-900\n" * (60 - first))
+    whole, parts = both(path, model, process)
+    assert len(found) > 2
+    told, expected = parts.to_dict()["evenness"], whole.to_dict()["evenness"]
+    assert told["kink_lines"] == expected["kink_lines"] == [int(found[1].line[1])]
+    assert told["largest_mm_per_mm"] == pytest.approx(expected["largest_mm_per_mm"], rel=1e-6)
+    assert [note for note in parts.notes if "kink" in note] == [note for note in whole.notes if "kink" in note]
 
 
 def test_a_force_table_is_read_in_step(program, model, tools, tmp_path):

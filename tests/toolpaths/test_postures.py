@@ -9,9 +9,10 @@ import pytest
 
 from drake_stiffness.arm import forward
 from toolpaths import postures as p
-from toolpaths.analytic import six_axes
+from toolpaths.analytic import SixAxes, six_axes
 from toolpaths.branches import continuous, flips_along, sides_of
-from toolpaths.postures import along_path, outside_limits, singularity_margin
+from toolpaths.damped import damped_step
+from toolpaths.postures import along_path, least_margin, outside_limits, singularity_margin
 
 CUTTING = np.radians([0.0, -70.0, 120.0, 20.0, -50.0, 5.0])
 
@@ -200,6 +201,57 @@ def test_a_pose_a_tenth_of_a_millimetre_out_of_reach_is_out_of_reach(model, monk
     assert along_path(arm, R, x - 1e-3 * outwards, start, {}).reached.all()
 
 
+def test_a_nearest_miss_that_is_nearer_than_the_solution_is_not_followed(model, monkeypatch):
+    """At row 5 eaik is made to offer, besides the solutions, the very posture of row 4."""
+    q = smooth(model.arm, 12)
+    R, x = flange(model.arm, q)
+    true = SixAxes.candidates
+
+    def with_a_miss(solver, *poses):
+        found = true(solver, *poses)
+        miss = np.full((6, 1, found.shape[2]), np.nan)
+        miss[:, 0, 5] = q[:, 4]
+        return np.concatenate([miss, found], axis=1)
+
+    monkeypatch.setattr(SixAxes, "candidates", with_a_miss)
+    found = along_path(model.arm, R, x, CUTTING, {})
+    assert found.reached.all()
+    np.testing.assert_allclose(found.q, q, atol=1e-8)
+
+
+# -- following a branch ---------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("often", [0.0, 0.01, 0.6])
+def test_a_branch_is_followed_through_any_order_of_the_solutions(often):
+    """Eight curves, their columns shuffled anew at some rows, more than a block of them; some solutions missing."""
+    rng, N = np.random.default_rng(4), 5000
+    t = np.linspace(0, 3, N)
+    curves = rng.uniform(-2.5, 2.5, (6, 8, 1)) + 0.2 * np.sin(t + rng.uniform(0, 6, (6, 8, 1)))
+    order = np.empty((8, N), dtype=int)
+    now = np.arange(8)
+    for row, shuffled in enumerate(rng.random(N) < often):
+        now = rng.permutation(8) if shuffled else now
+        order[:, row] = now
+    given = np.stack([np.take_along_axis(curves[i], order, axis=0) for i in range(6)])
+    missing = (rng.random((8, N)) < 0.2) & (order != 3)
+    given[:, missing] = np.nan
+    limit = np.full(6, 6.0)
+    np.testing.assert_allclose(continuous(given, curves[:, 3, 0], -limit, limit), curves[:, 3], atol=1e-12)
+
+
+@pytest.mark.parametrize("free", [6, 7])
+def test_a_step_of_joints_makes_the_motion_asked_for_and_no_more(free):
+    rng = np.random.default_rng(9)
+    J, twist = rng.normal(size=(free, 6, 50)) + 5 * np.eye(free, 6)[:, :, None], rng.normal(size=(6, 50))
+    step = damped_step(J, twist)
+    for i in range(50):
+        np.testing.assert_allclose(step[:, i], np.linalg.lstsq(J[:, :, i].T, twist[:, i])[0], rtol=1e-6, atol=1e-8)
+    J[0] = 0.0  # an arm that has lost a direction: no joint runs away
+    J[1] = J[2]
+    assert np.abs(damped_step(J, 1e-8 * twist)).max() < 1.0
+
+
 # -- seven joints -----------------------------------------------------------------------------------------------------------
 
 
@@ -267,6 +319,22 @@ def test_the_margin_does_not_depend_on_the_size_of_the_arm(model):
     doubled = replace(arm, p_PF=2 * arm.p_PF)
     q = smooth(arm, 5)
     np.testing.assert_allclose(singularity_margin(doubled, q), singularity_margin(arm, q), rtol=1e-9)
+
+
+def test_the_least_margin_is_the_smallest_of_all(model, track_model):
+    """Along smooth paths, with a singular posture between two that are known, and where neighbours have nothing in common."""
+    rng = np.random.default_rng(6)
+    through = smooth(model.arm, 300)
+    through[4] = np.radians(np.linspace(-31, 29, 300))
+    scattered = rng.uniform(-2, 2, (7, 100))
+    alone = CUTTING[:, None]
+    for arm, q in (
+        (model.arm, smooth(model.arm, 500)),
+        (model.arm, through),
+        (track_model.arm, scattered),
+        (model.arm, alone),
+    ):
+        assert least_margin(arm, q) == pytest.approx(singularity_margin(arm, q).min(), abs=1e-12)
 
 
 # -- branches that the program names --------------------------------------------------------------------------------------

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drake_stiffness.arm import Arm
-from toolpaths.postures import singularity_margin
+from toolpaths.postures import least_margin
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int_]
@@ -105,6 +105,37 @@ def evenness(
     return Evenness(spacing, change, MAX_CHANGE, blend_radius_mm)
 
 
+@dataclass(frozen=True, eq=False)
+class End:
+    """The first or last corrected point of a piece of a long program, where the path goes on from it without a break.
+
+    Attributes
+    ----------
+    target_mm, correction_mm : (3,)
+    quantum_mm : float
+        Half a printed digit.
+    line : int
+    """
+
+    target_mm: Floats
+    correction_mm: Floats
+    quantum_mm: float
+    line: int
+
+
+def across(before: End, after: End) -> tuple[Evenness, Ints]:
+    """Change of the correction from the end of one piece to the beginning of the next, and the lines of the two points."""
+    ends = (before, after)
+    step = evenness(
+        np.array([end.target_mm for end in ends]),
+        np.array([end.correction_mm for end in ends]),
+        np.array([True, False]),
+        np.array([end.quantum_mm for end in ends]),
+        float("nan"),
+    )
+    return step, np.array([end.line for end in ends])
+
+
 @dataclass(frozen=True)
 class Reserve:
     """Attributes
@@ -148,7 +179,7 @@ def reserve(arm: Arm, q: Floats, line: Ints) -> Reserve:
         float(margin[joint, point]),
         "mm" if arm.prismatic[joint] else "deg",
         int(line[point]),
-        float(singularity_margin(arm, q).min()),
+        least_margin(arm, q),
     )
 
 

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from toolpaths.account.evenness import Evenness
 from toolpaths.account.tally import Tally
 from toolpaths.program import Program
 from toolpaths.result import Compensation
@@ -77,19 +78,18 @@ def _axis(value: NDArray[Any], number: int) -> int | None:
     return value.ndim - 1 if value.ndim and value.shape[-1] == number else None
 
 
-def _joined(values: Sequence[Any], model: Any, number: int) -> Any:
-    """The pieces' trees one after the other; `model` is the tree of the largest piece, of `number` points."""
-    if isinstance(model, np.ndarray):
-        axis = _axis(model, number)
-        return values[0] if axis is None else np.concatenate(values, axis=axis)
-    if is_dataclass(model) and not isinstance(model, type):
-        changes = {
-            f.name: _joined([getattr(value, f.name) for value in values], getattr(model, f.name), number)
-            for f in fields(model)
-            if f.init
-        }
-        return replace(values[0], **changes)
-    return values[0]
+def _joined(values: Sequence[Any], numbers: Sequence[int]) -> Any:
+    """The pieces' trees one after the other; `numbers` says how many points each has."""
+    first = values[0]
+    if isinstance(first, np.ndarray):
+        axes = (0, first.ndim - 1) if first.ndim else ()
+        along = (a for a in axes if all(v.shape[a] == number for v, number in zip(values, numbers, strict=True)))
+        axis = next(along, None)
+        return first if axis is None else np.concatenate(values, axis=axis)
+    if is_dataclass(first) and not isinstance(first, type):
+        own = [f.name for f in fields(first) if f.init]
+        return replace(first, **{name: _joined([getattr(value, name) for value in values], numbers) for name in own})
+    return first
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -127,7 +127,11 @@ class LongCompensation(Compensation):
 
 
 def folded(
-    results: Sequence[Compensation], facts: Sequence[dict[str, Any]], written: Path | None, sha256: tuple[str, str]
+    results: Sequence[Compensation],
+    facts: Sequence[dict[str, Any]],
+    borders: Sequence[tuple[Evenness, Ints]],
+    written: Path | None,
+    sha256: tuple[str, str],
 ) -> LongCompensation:
     """One account of all pieces.
 
@@ -137,12 +141,14 @@ def folded(
         Thinned, in the order of the program.
     facts
         What each piece says of itself, summaries as `tallied`.
+    borders
+        Where a piece goes on without a break: see `evenness.across`.
     """
-    largest = max(results, key=lambda result: result.rows.size)
-    joined: Compensation = _joined(results, replace(largest, program=results[0].program), largest.rows.size)
     programs = [result.program for result in results]
-    program = _joined(programs, largest.program, len(largest.program))
-    said = fold_facts(facts)
+    program = _joined(programs, [len(piece) for piece in programs])
+    alike = [replace(result, program=programs[0]) for result in results]
+    joined: Compensation = _joined(alike, [result.rows.size for result in results])
+    said = fold_facts(facts, [step.to_dict(line) for step, line in borders])
     best = results[0].account.causes.best
     for result in results[1:]:
         best = best + result.account.causes.best
@@ -157,7 +163,7 @@ def folded(
         "quantum_mm": said["half_printed_digit_mm"],
         "refusals": tuple(r for result in results for r in result.refusals),
         "insertions": tuple(i for result in results for i in result.insertions),
-        "notes": fold_notes([result.notes for result in results]),
+        "notes": fold_notes([*(r.notes for r in results), *(step.notes(line) for step, line in borders)]),
     }
     return LongCompensation(**known, facts=said, written=written, sha256=sha256)
 
@@ -167,8 +173,8 @@ _LARGEST = ("unsupported_share", "iterations", "largest_contraction", "half_prin
 _LISTS = ("refused", "inserted", "turning_points", "linearised")
 
 
-def fold_facts(facts: Sequence[dict[str, Any]]) -> dict[str, Any]:
-    """What pieces say of themselves, as said of all of them."""
+def fold_facts(facts: Sequence[dict[str, Any]], borders: Sequence[dict[str, Any]] = ()) -> dict[str, Any]:
+    """What pieces say of themselves, and of the steps between them (kinks alone), as said of all of them."""
     counts = np.array([fact["corrected_points"] for fact in facts], dtype=float)
     before: list[Tally] = [fact["uncompensated_mm"][_TALLY] for fact in facts]
     out = _tree(facts)
@@ -178,7 +184,7 @@ def fold_facts(facts: Sequence[dict[str, Any]]) -> dict[str, Any]:
     moved, left = out["uncompensated_mm"]["mean"], out["residual_mm"]["mean"]
     out["percent_compensated"] = 100 * (1 - left / moved) if moved > out["half_printed_digit_mm"] else float("nan")
     out["causes"] = _fold_causes([fact["causes"] for fact in facts], counts, np.array([b.total for b in before]))
-    out["evenness"] = _fold_evenness([fact["evenness"] for fact in facts], counts)
+    out["evenness"] = _with_borders(_fold_evenness([fact["evenness"] for fact in facts], counts), borders)
     nearest = [fact["reserve"] for fact in facts]
     out["reserve"] = {
         **min(nearest, key=lambda reserve: reserve["limit_margin"]),
@@ -228,6 +234,16 @@ def _fold_evenness(parts: Sequence[dict[str, Any]], counts: Floats) -> dict[str,
         "median_spacing_mm": mean("median_spacing_mm"),
         "kink_lines": [line for part in parts for line in part["kink_lines"]],
         "share_of_steps_shorter_than_two_blend_radii": mean("share_of_steps_shorter_than_two_blend_radii"),
+    }
+
+
+def _with_borders(evenness: dict[str, Any], borders: Sequence[dict[str, Any]]) -> dict[str, Any]:
+    """What pieces say of kinks, and the steps between them."""
+    said = [evenness, *borders]
+    return {
+        **evenness,
+        "largest_mm_per_mm": max(part["largest_mm_per_mm"] for part in said),
+        "kink_lines": sorted({line for part in said for line in part["kink_lines"]}),
     }
 
 

@@ -11,6 +11,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -18,6 +19,7 @@ from numpy.typing import NDArray
 
 from drake_stiffness.errors import InputError
 from toolpaths.conventions import TOOL_AXIS
+from toolpaths.formats import apt_pieces
 from toolpaths.formats import apt_records as records
 from toolpaths.formats.apt_arcs import FoundArc, circle_arc, contour_arc
 from toolpaths.formats.apt_records import Record
@@ -57,9 +59,35 @@ class Apt:
         reader = read(raw)
         if not reader.has_motion:
             raise InputError(f"{path}: found no motion in it; expected APT with GOTO/x,y,z")
+        return self.program(reader, path)
+
+    def cut(self, raw: bytes) -> int:
+        """Where the last place is at which a program may be cut in two; see ``toolpaths.formats.InPieces``."""
+        return apt_pieces.cut(raw)
+
+    def parse_piece(
+        self, raw: bytes, path: str, resume: object, others: Sequence[tuple[str, bytes]] = ()
+    ) -> tuple[Program, object]:
+        """Read a piece of a program that was cut at `cut`; `resume` is what the piece before handed on (None: the first).
+
+        Raises
+        ------
+        NeedsWhole
+            The first point keeps the tool axis of a piece before.
+        """
+        resume = apt_pieces.START if resume is None else resume
+        assert isinstance(resume, apt_pieces.Resume)
+        reader = Reader(raw)
+        if resume.modal:
+            apt_pieces.take_over(reader, resume)
+        reader.read()
+        return replace(self.program(reader, path), resume=resume), apt_pieces.hand_on(reader)
+
+    def program(self, reader: Reader, path: str) -> Program:
+        """What a reader has found."""
         unit = np.array([reader.mm] * 3 + [1.0] * 3)
         refusals = tuple(sorted(reader.refusals, key=lambda refusal: refusal.line))
-        return reader.rows.build(raw, self.name, path, unit, refusals=refusals, notes=tuple(reader.notes))
+        return reader.rows.build(reader.raw, self.name, path, unit, refusals=refusals, notes=tuple(reader.notes))
 
 
 def read(raw: bytes) -> Reader:
@@ -85,14 +113,14 @@ class Reader:
         self.rapid = False
         self.cycle = ""
         self.blocked: dict[str, str] = {}
-        self._feed_unit: float | None = 0.0  # 0: a unit of length per minute
-        self._systems: dict[str, tuple[float, ...]] = {}
+        self.feed_unit: float | None = 0.0  # 0: a unit of length per minute
+        self.systems: dict[str, tuple[float, ...]] = {}
         self._circle: FoundArc | None = None
-        self._direction: tuple[float, ...] = ()
-        self._axis_since = ""
+        self.direction: tuple[float, ...] = ()
+        self.axis_since = ""
         self._row_here = self._movable = False  # the tool stands where the last row says; that row may be corrected
         self._place: Floats | None = None
-        self._indent: int | None = None  # of the REMARK above, while its text may go on
+        self.indent: int | None = None  # of the REMARK above, while its text may go on
         self._begin = 0
 
     def read(self) -> None:
@@ -101,7 +129,7 @@ class Reader:
             if raw.startswith(records.BOM, at):
                 at += len(records.BOM)
             match = ordinary(raw, at)
-            if match is not None and self._indent is None:
+            if match is not None and self.indent is None:
                 self._begin, end = at, match.end()
                 self.point(match.groups(), match.regs[1:], match.start(1))
             else:
@@ -120,9 +148,9 @@ class Reader:
         if not text:
             return
         indent = len(record.code) - len(record.code.lstrip(b" \t"))
-        inside, self._indent = self._indent is not None and indent > self._indent, self._indent
+        inside, self.indent = self.indent is not None and indent > self.indent, self.indent
         if not inside:
-            self._indent = None
+            self.indent = None
         match = records.STATEMENT.match(record.code)
         major = match[1].upper() if match is not None else b""
         if inside and major == b"GOTO":
@@ -130,7 +158,7 @@ class Reader:
         elif inside:
             return
         elif (first := records.FIRST_WORD.match(record.code)) is not None and first[1].upper() in records.TEXT:
-            self._indent = indent if first[1].upper() == b"REMARK" else None
+            self.indent = indent if first[1].upper() == b"REMARK" else None
         elif records.CONTOUR.search(text):
             self.contour(record)
         elif match is not None:
@@ -172,7 +200,7 @@ class Reader:
         elif major == b"CIRCLE":
             self.circle(minor, at, record)
         elif major == b"INDIRV":
-            self._direction = tuple(float(token) for token, _ in records.numbers(minor, at) or ())
+            self.direction = tuple(float(token) for token, _ in records.numbers(minor, at) or ())
         elif major == b"GODLTA" or major in records.CURVES:
             self.leave(f"{major.decode()}, a motion to no literal point", force=not self.rapid)
             self.rapid = False
@@ -204,17 +232,17 @@ class Reader:
             return
         rows.update(tokens)
         if tokens[3] is not None:
-            self._axis_since = ""
+            self.axis_since = ""
             if not any(rows.values[3:6]):
                 rows.values[3:6], rows.source[3:6] = [math.nan] * 3, [-1] * 3
-                self._axis_since = f"a tool axis without direction (0, 0, 0) in line {self.line}"
+                self.axis_since = f"a tool axis without direction (0, 0, 0) in line {self.line}"
         reason = ""
         if circle is not None:
             reason = self.arc(circle, tokens, turned=math.dist(axis, rows.values[3:6]) > _SAME_AXIS)
         elif self.cycle:
             reason = f"a hole: {self.cycle}"
-        elif self._axis_since:
-            reason = self._axis_since
+        elif self.axis_since:
+            reason = self.axis_since
         if reason and force:
             self.refusals.append(Refusal(self.line, f"found {reason}", column=at - self._begin + 1))
         kind = "FROM" if not moving else "GOTO" if force else "RAPID"
@@ -240,7 +268,7 @@ class Reader:
     def contour(self, record: Record) -> None:
         """Motion along a curve; CATIA's circle up to a line is known."""
         self.start_stays()
-        arc = contour_arc(record.code, self._direction, self.place(), self.mm)
+        arc = contour_arc(record.code, self.direction, self.place(), self.mm)
         found = FoundArc(self.line, record.start, record.end, arc=arc, at=record.start, whole=True)
         self.arcs.append(found)
         self.leave(found.reason("a motion along a curve"), force=not self.rapid)
@@ -284,8 +312,8 @@ class Reader:
     def system(self, kind: str, numbers: tuple[float, ...]) -> None:
         """A coordinate system is stated: another one than at the points before is in the way of those after it."""
         if not len(self.rows):
-            self._systems[kind] = numbers
-        same = self._systems.get(kind) == numbers
+            self.systems[kind] = numbers
+        same = self.systems.get(kind) == numbers
         self.obstacle(
             kind, "" if same else f"another coordinate system since line {self.line} ({kind}); split the program there"
         )
@@ -295,7 +323,7 @@ class Reader:
         known = tokens is not None and len(tokens) == 3 and any(float(token) != 0 for token, _ in tokens)
         self.rows.values[3:6] = [float(token) for token, _ in tokens or ()] if known else [math.nan] * 3
         self.rows.source[3:6] = [-1] * 3
-        self._axis_since = "" if known else f"a tool axis that is not known: TLAXIS in line {self.line}"
+        self.axis_since = "" if known else f"a tool axis that is not known: TLAXIS in line {self.line}"
 
     def units(self, said: bytes) -> None:
         mm = records.UNITS_MM.get(said.strip())
@@ -311,8 +339,8 @@ class Reader:
         for word in said.split(b","):
             word = word.strip()
             if word in records.FEED_UNITS:
-                self._feed_unit = records.FEED_UNITS[word]
+                self.feed_unit = records.FEED_UNITS[word]
             elif re.fullmatch(records.NUMBER, word):
                 value = float(word)
-        unit = self._feed_unit if self._feed_unit else self.mm
-        self.rows.feed_mm_per_min = math.nan if self._feed_unit is None else value * unit
+        unit = self.feed_unit if self.feed_unit else self.mm
+        self.rows.feed_mm_per_min = math.nan if self.feed_unit is None else value * unit

@@ -12,6 +12,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -19,11 +20,12 @@ import numpy as np
 from drake_stiffness.errors import InputError
 from toolpaths.arcs import Arc, NoArc
 from toolpaths.conventions import FIXED_AXIS
+from toolpaths.formats import gcode_pieces
 from toolpaths.formats import gcode_words as g
 from toolpaths.formats.gcode_arcs import FoundArc, arc_of
 from toolpaths.formats.gcode_modal import Modal
 from toolpaths.formats.gcode_words import Word
-from toolpaths.formats.reading import Unreadable, shown
+from toolpaths.formats.reading import NeedsWhole, Unreadable, shown
 from toolpaths.program import UNWRITTEN, Program, Refusal
 from toolpaths.program_builder import ProgramBuilder
 from toolpaths.rotary import Undeclared
@@ -60,21 +62,26 @@ class GCode:
             raise InputError(
                 f"{path}: found {found}; expected G-code with G0 or G1 and coordinates, lines ended by LF or CR LF"
             )
-        unit = np.ones(reader.rows.width)
-        unit[:3] = reader.modal.mm
-        return reader.rows.build(
-            raw,
-            self.name,
-            path,
-            unit,
-            frames=tuple(reader.modal.frames),
-            refusals=tuple(sorted(reader.refusals, key=lambda refusal: refusal.line)),
-            notes=tuple(reader.notes),
-            spaced_words=True,
-        )
+        return reader.program(self.name, path)
+
+    def cut(self, raw: bytes) -> int:
+        """Where the last place is at which a program may be cut in two; see ``toolpaths.formats.InPieces``."""
+        return gcode_pieces.cut(raw)
+
+    def parse_piece(
+        self, raw: bytes, path: str, resume: object, others: Sequence[tuple[str, bytes]] = ()
+    ) -> tuple[Program, object]:
+        """See ``toolpaths.formats.InPieces``; NeedsWhole where there is a jump, or a rotary word that is new or kept."""
+        resume = gcode_pieces.START if resume is None else resume
+        assert isinstance(resume, gcode_pieces.Resume)
+        reader = read(raw) if resume.rotary is None else Reader(raw, resume.rotary)
+        if resume.rotary is not None:
+            gcode_pieces.take_over(reader, resume)
+            reader.read()
+        return replace(reader.program(self.name, path), resume=resume), gcode_pieces.hand_on(reader)
 
 
-class _Turned(Exception):
+class _Turned(NeedsWhole):
     """A rotary word that no line before has written."""
 
 
@@ -85,10 +92,9 @@ def read(raw: bytes) -> Reader:
         reader = Reader(raw, rotary)
         try:
             reader.read()
+            return reader
         except _Turned as found:
             rotary = tuple(sorted((*rotary, str(found))))
-        else:
-            return reader
 
 
 class Reader:
@@ -109,9 +115,7 @@ class Reader:
         self._movable = False  # whether the machine stands where the last row says, and that row may be corrected
         self._begin = self._end = 0
         self._pattern = g.ordinary_line(self.letters)
-        self._targets = (
-            {int(jump[1]) if jump[1] else None for jump in g.JUMP.finditer(raw)} if g.JUMP.search(raw) else set()
-        )
+        self._targets = {int(jump[1]) if jump[1] else None for jump in g.JUMP.finditer(raw)}
 
     def read(self) -> None:
         raw, at, match_ordinary = self.raw, 3 if self.raw.startswith(b"\xef\xbb\xbf") else 0, self._pattern.match
@@ -125,6 +129,20 @@ class Reader:
             self._begin, self._end = at, len(raw) if newline < 0 else newline + 1
             self.block(g.code_of(raw, at, self._end), at)
             at = self._end
+
+    def program(self, dialect: str, path: str) -> Program:
+        """What was read."""
+        unit = np.array([self.modal.mm] * 3 + [1.0] * (self.rows.width - 3))
+        return self.rows.build(
+            self.raw,
+            dialect,
+            path,
+            unit,
+            frames=tuple(self.modal.frames),
+            refusals=tuple(sorted(self.refusals, key=lambda refusal: refusal.line)),
+            notes=tuple(self.notes),
+            spaced_words=True,
+        )
 
     def quick(self, match: re.Match[bytes]) -> bool:
         """An ordinary line, if it is a straight move and nothing is in the way."""
@@ -151,14 +169,11 @@ class Reader:
 
     def complete(self, at: int) -> bool:
         """Whether all words of the present pose are known; if not, the line is refused."""
-        unknown = [
-            letter.decode() for letter, value in zip(self.letters, self.rows.values, strict=False) if math.isnan(value)
-        ]
+        pairs = zip(self.letters, self.rows.values, strict=False)
+        unknown = ", ".join(letter.decode() for letter, value in pairs if math.isnan(value))
         self.all_known = not unknown
         if unknown:
-            reason = (
-                f"{', '.join(unknown)} not written here and not known: {self.unknown_since} (write them on this line)"
-            )
+            reason = f"{unknown} not written here and not known: {self.unknown_since} (write them on this line)"
             self.refusals.append(Refusal(self.line, reason, column=at - self._begin + 1))
         return self.all_known
 
@@ -208,11 +223,9 @@ class Reader:
         if g.FRAME.search(code):
             self.modal.blocked["frame"] = f"line {self.line} moves the program's frame: {shown(code, 0, len(code))!r}"
         if g.AXIS_PATTERN.search(code) or g.CALL.search(code):
-            arc = self.modal.mode in (2, 3)
-            if arc:
-                self.arcs.append(
-                    FoundArc(self.line, self._begin, self._end, (), bool(g.G_PATTERN.search(code)), error.found)
-                )
+            if self.modal.mode in (2, 3):
+                explicit = bool(g.G_PATTERN.search(code))
+                self.arcs.append(FoundArc(self.line, self._begin, self._end, (), explicit, error.found))
             self.leave(error.at, error.found, force=self.modal.mode != 0)
         elif not g.ASSIGNMENT.match(code):
             self.lost(f"line {self.line}: {shown(code, 0, len(code), 30)!r}")

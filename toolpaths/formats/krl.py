@@ -28,6 +28,7 @@ from toolpaths.formats.krl_statements import (
     without_strings,
 )
 from toolpaths.formats.krl_words import Aggregate, code_end, shown
+from toolpaths.formats.reading import cut_between
 from toolpaths.program import Program, Refusal
 
 _NUMBER = rb"([+-]?(?:\d{1,9}(?:\.\d{0,20})?|\.\d{1,20}))"
@@ -46,8 +47,12 @@ def _ordinary_line() -> re.Pattern[bytes]:
 _ORDINARY = _ordinary_line()
 # Bytes in which lines alike are looked for: few at first, more where there are many. After a vain look so many lines are left out.
 _WINDOW, _LARGEST_WINDOW, _REST = 8_000, 1_000_000, 20
-# So many lines before the end a place to cut at is looked for.
-_CUT_WITHIN = 500
+
+
+def _along(raw: bytes, at: int) -> re.Match[bytes] | None:
+    """An ordinary line with a motion along a path."""
+    match = _ORDINARY.match(raw, at)
+    return match if match is not None and match[1].upper() in (b"LIN", b"SLIN") else None
 
 
 class Krl:
@@ -84,19 +89,7 @@ class Krl:
         """Where the last place is at which a program may be cut in two, 0 for none: before an ordinary line that writes all
         six words, after an ordinary line. Nothing is kept from before such a line but base, tool, feed and external axes.
         """
-        end = raw.rfind(b"\n") + 1
-        after: re.Match[bytes] | None = None
-        for _ in range(_CUT_WITHIN):
-            start = raw.rfind(b"\n", 0, max(end - 1, 0)) + 1
-            match = _ORDINARY.match(raw, start)
-            along = match is not None and match[1].upper() in (b"LIN", b"SLIN")
-            if along and after is not None and None not in after.groups()[2:8]:
-                return after.start()
-            after = match if along else None
-            end = start
-            if not start:
-                return 0
-        return 0
+        return cut_between(raw, _along, lambda _, match: None not in match.groups()[2:8])
 
     def parse_piece(
         self, raw: bytes, path: str, resume: object, others: Sequence[tuple[str, bytes]] = ()

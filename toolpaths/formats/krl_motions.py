@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import re
+import weakref
 from collections.abc import Sequence
 from typing import NamedTuple
 
@@ -11,7 +12,8 @@ from toolpaths.formats.krl_frames import Frames
 from toolpaths.formats.krl_points import REFERENCE, FrameData, Key, Points, key_of
 from toolpaths.formats.krl_statements import POINT_TO_POINT, feed_with
 from toolpaths.formats.krl_words import Aggregate, Unreadable, read_aggregate, shown, status_bits
-from toolpaths.program import NO_STATUS, UNWRITTEN, FrameSetting, Refusal
+from toolpaths.formats.reading import NeedsWhole
+from toolpaths.program import NO_STATUS, FrameSetting, Refusal
 from toolpaths.program_builder import ProgramBuilder
 
 WORDS = ("X", "Y", "Z", "A", "B", "C")
@@ -22,10 +24,6 @@ _TAIL = re.compile(
 )
 _ARC_ANGLE = re.compile(rb"\s*,\s*CA\b\s*=?\s*[^,{}\s]+", re.IGNORECASE)
 _ARCS = frozenset({"CIRC", "SCIRC"})
-
-
-class NeedsWhole(Exception):
-    """A program that cannot be read in pieces: its motions go to points that stand elsewhere."""
 
 
 class Resume(NamedTuple):
@@ -68,7 +66,9 @@ class Motions:
         self.piece = piece
         self.others = others
         self.rows = ProgramBuilder()
-        self.frames = Frames(self._frame_data)
+        # Held weakly: a reader that holds itself would keep its piece of the program until the collector comes.
+        frame_data = weakref.WeakMethod(self._frame_data)
+        self.frames = Frames(lambda name: found(name) if (found := frame_data()) is not None else None)
         self.refusals: list[Refusal] = []
         self.notes: list[Refusal] = []
         self.warnings: list[str] = []
@@ -101,12 +101,9 @@ class Motions:
         rows = self.rows
         rows.values = list(resume.values)
         if resume.moved is not None:
-            rows.status, rows.feed_mm_per_min = resume.status, math.nan
-            spans = [UNWRITTEN] * rows.width
-            rows.add(resume.line, "LIN", "point", spans, -1, carries_force=False, refused=False)
+            rows.status = resume.status
+            rows.stand_in(resume.line, "LIN", resume.values, moved=resume.moved)
             rows.status = NO_STATUS
-            if resume.moved:
-                rows.forget_place()
         rows.feed_mm_per_min = resume.feed_mm_per_min
 
     def hand_on(self) -> Resume:

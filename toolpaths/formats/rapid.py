@@ -10,12 +10,14 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 from drake_stiffness.errors import InputError
 from toolpaths.conventions import QUATERNION
+from toolpaths.formats import rapid_pieces
 from toolpaths.formats import rapid_words as words
-from toolpaths.formats.reading import HEAD_BYTES, Reading, Target, Unreadable, arguments, blanked, shown
+from toolpaths.formats.reading import HEAD_BYTES, NeedsWhole, Reading, Target, Unreadable, arguments, blanked, shown
 from toolpaths.program import NO_STATUS, Program
 
 
@@ -48,6 +50,24 @@ class Rapid:
             )
         reader.settle()
         return reader.finish(self.name, path)
+
+    def cut(self, raw: bytes) -> int:
+        """Where the last place is at which a module may be cut in two; see ``toolpaths.formats.InPieces``."""
+        return rapid_pieces.cut(raw)
+
+    def parse_piece(
+        self, raw: bytes, path: str, resume: object, others: Sequence[tuple[str, bytes]] = ()
+    ) -> tuple[Program, object]:
+        """See ``toolpaths.formats.InPieces``; NeedsWhole where moves along a path go to declared points, here or in other files."""
+        resume = rapid_pieces.START if resume is None else resume
+        assert isinstance(resume, rapid_pieces.Resume)
+        if others:
+            raise NeedsWhole
+        reader = _Reader(raw)
+        rapid_pieces.take_over(reader, resume)
+        reader.read()
+        reader.settle()
+        return replace(reader.finish(self.name, path), resume=resume), rapid_pieces.hand_on(reader)
 
 
 class _Reader(Reading):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -32,6 +32,41 @@ class Unreadable(Exception):
         self.found = found
 
 
+class NeedsWhole(Exception):
+    """A program that cannot be read in pieces: something in it depends on what stands elsewhere."""
+
+
+# So many lines before the end a place to cut at is looked for.
+_CUT_WITHIN = 500
+
+
+def cut_between(
+    raw: bytes,
+    ordinary: Callable[[bytes, int], re.Match[bytes] | None],
+    whole: Callable[[re.Match[bytes], re.Match[bytes]], bool],
+) -> int:
+    """The last place, 0 for none, at which a program may be cut: between two ordinary lines of which the second is whole.
+
+    Parameters
+    ----------
+    ordinary
+        The line that begins at an offset, if it is one with a motion; its end included.
+    whole
+        Of a line and the one after it: whether the second keeps nothing of motions before it.
+    """
+    end = raw.rfind(b"\n") + 1
+    after: re.Match[bytes] | None = None
+    for _ in range(_CUT_WITHIN):
+        start = raw.rfind(b"\n", 0, max(end - 1, 0)) + 1
+        match = ordinary(raw, start)
+        if match is not None and after is not None and whole(match, after):
+            return after.start()
+        after, end = match, start
+        if not start:
+            break
+    return 0
+
+
 class Target(NamedTuple):
     """A whole literal pose.
 
@@ -57,6 +92,29 @@ class Target(NamedTuple):
     frame: tuple[tuple[str, str], ...] = ()
 
 
+class Continued(NamedTuple):
+    """What a reader hands on to the next piece of a program.
+
+    Attributes
+    ----------
+    line
+        Lines so far.
+    values, status, feed_mm_per_min
+        The pose, what was last said of the branch, the feed.
+    moved
+        Whether the next motion starts from a place that is not known.
+    frames
+        Base and tool in force.
+    """
+
+    line: int
+    values: tuple[float, ...]
+    status: Status
+    feed_mm_per_min: float
+    moved: bool
+    frames: tuple[FrameSetting, ...]
+
+
 class Reading:
     """A program being read: what was found so far, and the line that is being looked at."""
 
@@ -74,6 +132,26 @@ class Reading:
         self._frame: dict[str, FrameSetting] = {}
         self._goes: list[tuple[int, object]] = []
         self._mentioned: dict[object, tuple[int, str]] = {}
+
+    def take_over(self, before: Continued) -> None:
+        """Go on where the piece before ended: a first row that nothing changes stands for its last motion."""
+        self.line = before.line + 1
+        self.frames = list(before.frames)
+        self._frame = {setting.what: setting for setting in before.frames}
+        self.rows.status = before.status
+        self.rows.stand_in(before.line, "LIN", before.values, moved=before.moved)
+        self.rows.feed_mm_per_min = before.feed_mm_per_min
+
+    def hand_on(self) -> Continued:
+        """What the next piece needs to know."""
+        rows, lines = self.rows, self.to(len(self.raw)) - 1
+        frames = tuple(self._frame.values())
+        return Continued(lines, tuple(rows.values), rows.last_status(), rows.feed_mm_per_min, rows.moved, frames)
+
+    @property
+    def goes_to_stored(self) -> bool:
+        """Whether a motion under force goes to a stored point."""
+        return any(self.rows.carries_force(row) for row, _ in self._goes)
 
     def to(self, at: int) -> int:
         """Go on to a byte further down; its 1-based line."""

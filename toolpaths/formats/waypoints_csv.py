@@ -89,9 +89,7 @@ class WaypointsCsv:
             layout, number, before = resume
             end = -1
             table = _Table(raw, path, layout)
-            table.rows.values = list(before)
-            spans = [UNWRITTEN] * 6
-            table.rows.add(number, "LIN", "point", spans, -1, carries_force=False, refused=False)
+            table.rows.stand_in(number, "LIN", before)
         while end < len(raw):
             start, number = end + 1, number + 1
             end = _line_end(raw, start)

@@ -1,0 +1,258 @@
+"""Long programs of CAM systems in pieces: G-code, APT and RAPID are read, corrected and accounted for as in one."""
+
+import pickle
+import random
+
+import numpy as np
+import pytest
+
+from drake_stiffness.files import write_together
+from toolpaths.formats import read_again, read_program
+from toolpaths.formats.pieces import pieces
+from toolpaths.formats.reading import NeedsWhole
+from toolpaths.job import compensate
+from toolpaths.long_programs import _Job, compensate_file
+
+SIZE = 900
+AXES = ("X", "Y", "Z")
+
+
+def place(n):
+    return f"X{220 + 2 * n}.000 Y{150 - n}.000 Z-5.000"
+
+
+def milling(count=60, turn=""):
+    """Three axes or, with `turn`, five: words left out, rapids, feeds, comments, a tool change, block numbers."""
+    text = (
+        "%\nO100 (part)\nG21 G90 G54\nT1 M6\nG0 X220. Y150. Z30. A5.0 C10.0\n"
+        if turn
+        else "G21 G54\nG0 X220. Y150. Z30.\n"
+    )
+    for n in range(count):
+        words = place(n) + (f" A{5 + 0.01 * n:.4f} C{10 + 0.02 * n:.4f}" if turn else "")
+        text += f"N{10 * n} G1 {words}\n"
+        text += {
+            7: "F800 (slower)\n",
+            13: f"X{221 + 2 * n}.000 {words.split(maxsplit=1)[1]} F900\n",
+            23: f"G0 Z30.\nG0 X250. Y100. Z30.{turn}\n",
+            31: "M8\n(a comment with X1.0 in it)\n",
+            43: "G54\n",
+        }.get(n, "")
+    return text + "M30\n%\n"
+
+
+def cutter_location(count=60, axes=True):
+    """Points with or without axes, rapids, feeds, and a record over two lines."""
+    text = "PARTNO LONG\nUNITS/MM\nMULTAX\nFEDRAT/800,MMPM\n"
+    for n in range(count):
+        axis = f",0.0{n % 5}0000,0.000000,0.999000" if axes else ""
+        text += f"GOTO/{220 + 2 * n}.0000,{150 - n}.0000,-5.0000{axis}\n"
+        text += {
+            9: f"RAPID\nGOTO/{220 + 2 * n}.0000,{150 - n}.0000,30.0000{axis}\nFEDRAT/900\n",
+            19: f"GOTO/{221 + 2 * n}.0000,$\n{150 - n}.0000,-5.0000{axis}\n",
+            33: "$$ a comment\nPPRINT/HALF\n",
+        }.get(n, "")
+    return text + "FINI\n"
+
+
+def module(count=60, wobj=r" \WObj:=part"):
+    """Literal targets, a joint move to a declared point and its like in between, speeds, signals, comments."""
+    text = "MODULE Long\nCONST robtarget home:=[[900,0,900],[0,0,1,0],[0,0,0,0],[9E9,9E9,9E9,9E9,9E9,9E9]];\n"
+    text += f"CONST speeddata cut:=[20,500,5000,1000];\nPROC main()\nConfL\\Off;\nMoveJ home,v200,fine,mill{wobj};\n"
+    for n in range(count):
+        pose = f"[[{220 + 2 * n}.00,{150 - n}.00,-5.00],[0.0173648,0.9848078,0.1736482,0.0{n % 5}]"
+        move = f"MoveL {pose},[0,0,0,0],[9E9,9E9,9E9,9E9,9E9,9E9]],{{}},z1,mill{wobj};"
+        text += move.format("v50") + "\n"
+        text += {
+            7: move.format("cut") + " ! slower\n",
+            17: "SetDO spindle,1;\nWaitTime 1;\n",
+            29: f"MoveJ home,v200,fine,mill{wobj};\n",
+        }.get(n, "")
+    return text + "ENDPROC\nENDMODULE\n"
+
+
+SOURCES = {
+    "three.nc": (milling(), {}),
+    "five.nc": (milling(turn=" A5.0 C10.0"), {"gcode": {"rotary": "AC"}}),
+    "axes.cl": (cutter_location(), {}),
+    "plain.cl": (cutter_location(axes=False), {}),
+    "long.mod": (module(), {}),
+}
+
+
+@pytest.fixture(params=SOURCES)
+def long_program(request, tmp_path):
+    text, process = SOURCES[request.param]
+    path = tmp_path / request.param
+    path.write_text(text)
+    return path, process
+
+
+def test_pieces_hold_every_byte_and_every_row_once(long_program):
+    path, _ = long_program
+    whole, found = read_program(path), list(pieces(path, None, SIZE))
+    assert len(found) > 2
+    assert b"".join(piece.raw for piece in found) == path.read_bytes()
+    own = [slice(bool(n), None) for n in range(len(found))]
+    for name in (
+        "line",
+        "kind",
+        "carries_force",
+        "refused",
+        "feed_mm_per_min",
+        "position_mm",
+        "orientation",
+        "follows",
+    ):
+        joined = np.concatenate([getattr(piece, name)[rows] for piece, rows in zip(found, own, strict=True)])
+        np.testing.assert_array_equal(joined, getattr(whole, name), err_msg=name)
+
+
+STRAY = {
+    ".nc": [
+        "G0 X1. Y2. Z3.",
+        "G91",
+        "G90",
+        "G1 X300.",
+        "G2 X250. Y100. Z-5. I1. J0.",
+        "G55",
+        "G41",
+        "M6",
+        "G81 Z1 R1",
+        "G92 X0",
+    ]
+    + ["/G1 X1.", "(comment", "F77", "M98 P1", "O7", "G94", "G93", "#1=3", "G1 X#1", f"G1 {place(3)} A1. C2."],
+    ".cl": [
+        "RAPID",
+        "GODLTA/1,0,0",
+        "CYCLE/DRILL",
+        "CYCLE/OFF",
+        "TLAXIS/0,0,1",
+        "MULTAX/OFF",
+        "UNITS/INCH",
+        "GOHOME",
+        "$$ c",
+    ]
+    + [
+        "REMARK text",
+        "    GOTO/1,2,3",
+        "FEDRAT/5,IPM",
+        "CIRCLE/1,2,3,0,0,1,5",
+        "GOTO/1,2,3",
+        "CUTCOM/LEFT",
+        "CUTCOM/OFF",
+    ],
+    ".mod": [
+        "ConfL\\On;",
+        "SetDO a,1;",
+        "foo;",
+        "MoveJ home,v200,fine,mill;",
+        "MoveL Offs(home,1,2,3),v50,z1,mill;",
+        "x:=5;",
+    ]
+    + [
+        "IF a THEN",
+        "ENDIF",
+        "VAR num x;",
+        "MoveC home,home,v5,z1,mill;",
+        "ENDPROC",
+        "PROC other()",
+        's:="a;b";',
+        "mill.x:=3;",
+    ],
+}
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_damaged_programs_read_in_pieces_as_they_do_as_a_whole(long_program, seed):
+    """Lines taken out, put in and spoilt; or the pieces depend on each other, which is said."""
+    path, _ = long_program
+    rng, lines = random.Random(seed), path.read_text().split("\n")
+    for _ in range(rng.choice([1, 2, 4, 8])):
+        at, what = rng.randrange(len(lines)), rng.random()
+        if what < 0.5:
+            lines.insert(at, rng.choice(STRAY[path.suffix]))
+        elif what < 0.75:
+            del lines[at]
+        else:
+            lines[at] = lines[at][:4] + rng.choice(" ;()XZG1.-,$") + lines[at][5:]
+    path.write_text("\n".join(lines))
+    try:
+        found = list(pieces(path, None, SIZE))
+    except NeedsWhole:
+        return
+    whole = read_program(path)
+    own = [slice(bool(n), None) for n in range(len(found))]
+    for name in ("line", "kind", "refused", "feed_mm_per_min", "position_mm", "orientation", "follows", "external"):
+        joined = np.concatenate([getattr(piece, name)[rows] for piece, rows in zip(found, own, strict=True)])
+        np.testing.assert_array_equal(joined, getattr(whole, name), err_msg=name)
+    told = sorted((r.line, r.reason) for piece in found for r in (*piece.refusals, *piece.notes))
+    assert told == sorted((r.line, r.reason) for r in (*whole.refusals, *whole.notes))
+
+
+def test_another_process_reads_a_piece_again_as_it_is(long_program):
+    path, _ = long_program
+    for piece in pieces(path, None, SIZE):
+        sent = pickle.loads(pickle.dumps(piece))
+        again = read_again(sent, [sent.raw])
+        for name in ("line", "kind", "position_mm", "orientation", "source", "span", "feed_mm_per_min"):
+            np.testing.assert_array_equal(getattr(again, name), getattr(piece, name), err_msg=name)
+
+
+def test_pieces_and_the_whole_give_the_same_bytes(long_program, model, tools):
+    path, changes = long_program
+    process, options = tools.process(**changes), {"keep_refused": True}
+    whole = compensate(read_program(path), model, process, **options)
+    out = path.with_name("out" + path.suffix)
+    parts = compensate_file(path, model, process, size=SIZE, processes=1, output=out, **options)
+    assert type(parts).__name__ == "LongCompensation"
+    write_together(parts.files(out))
+    assert out.read_bytes() == whole.raw != path.read_bytes()
+    told, expected = parts.to_dict(), whole.to_dict()
+    for key in ("corrected_points", "lines", "refused"):
+        assert told[key] == expected[key], key
+    assert told["evenness"]["kink_lines"] == expected["evenness"]["kink_lines"]
+    assert told["residual_mm"]["max"] == pytest.approx(expected["residual_mm"]["max"], rel=1e-4)
+
+
+def test_a_branch_that_was_guessed_wrongly_is_found_for_rotary_words_too(model, tools, tmp_path, monkeypatch):
+    path, (text, changes) = tmp_path / "five.nc", SOURCES["five.nc"]
+    path.write_text(text)
+    process, options = tools.process(**changes), {"keep_refused": True}
+    whole = compensate(read_program(path), model, process, **options)
+    flipped, original = np.radians([0, -70, 120, 180, 50, 180]), _Job._tasks
+
+    def guess_wrongly(job):
+        for index, (program, own, lead) in enumerate(original(job)):
+            job.sent[index] = (program, own, flipped if index == 2 else lead)
+            yield job.sent[index]
+
+    monkeypatch.setattr(_Job, "_tasks", guess_wrongly)
+    parts = compensate_file(path, model, process, size=SIZE, processes=1, **options)
+    np.testing.assert_allclose(parts.path.postures.q, whole.path.postures.q, atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("name", "text"),
+    {
+        "jump.nc": milling() + "GOTO 20\n",
+        "late.nc": milling() + f"G1 {place(60)} C5.0\n",
+        "kept.nc": milling(turn=" A5.0 C10.0").replace(" C10.", " ;C10."),
+        "stored.mod": module().replace("ENDPROC", r"MoveL home,v50,z1,mill \WObj:=part;" + "\nENDPROC"),
+        "assigned.mod": module().replace("SetDO spindle,1", "part.uframe.trans.x:=1"),
+        "kept.cl": cutter_location(3) + cutter_location(axes=False),
+    }.items(),
+    ids=lambda value: value if len(value) < 20 else "",
+)
+def test_a_program_whose_pieces_depend_on_each_other_is_read_as_a_whole(name, text, model, tools, tmp_path):
+    """A jump; a rotary word that turns up late or is kept over pieces; a stored point; a work object that is set anew; a kept axis."""
+    path = tmp_path / name
+    path.write_text(text)
+    with pytest.raises(NeedsWhole):
+        list(pieces(path, None, SIZE))
+
+
+def test_a_program_without_a_whole_line_is_not_cut(tmp_path):
+    path = tmp_path / "part.nc"
+    path.write_text("G21\n" + "".join(f"G1 X{n}.000\nG1 Y{n}.000\n" for n in range(200)))
+    assert len(list(pieces(path, None, SIZE))) == 1
