@@ -30,8 +30,9 @@ from drake_stiffness.identification import Solution
 # More effects than this at once were never told apart; what is left then is said to be unexplained.
 MOST_EFFECTS = 5
 # The simplest suspect that gains this share of what the best one gains goes first: what it misses shows in the next round. But where much is
-# explained a fifth of it is much: what it misses may be no more than these squared sigma, or this share, and two for a parameter.
-_NEARLY_AS_GOOD, _MISSES, _MISSED_SHARE = 0.8, 25.0, 0.01
+# explained a fifth of it is much: what it misses may be no more than these squared sigma, or this share, and so many for each parameter that
+# it has less (which soak up some of whatever else is missing).
+_NEARLY_AS_GOOD, _MISSES, _MISSED_SHARE, _A_PARAMETER = 0.8, 25.0, 0.01, 5.0
 # At the place of a named effect: signatures as like as this, and explaining less than this share, are a rest of it.
 _SAME_PHYSICS, _WEAKER = 0.4, 0.3
 # A suspect of the named kind elsewhere that explains this share of it is a rival.
@@ -137,17 +138,16 @@ def most_convincing(passed: Sequence[Tested], left: Remaining) -> Tested | None:
     if not able:
         able = sorted((t for t in passed if t.own_gain > 0 and not is_sponge(left.r, t)), key=lambda t: t.p_value)
         return able[0] if able else None
-    near = [
-        t
-        for t in able
-        if t.gain >= _NEARLY_AS_GOOD * able[0].gain and _misses_little(t, able[0], min(left.per_dof, 1.0))
-    ]
+    near = [t for t in able if t.gain >= _NEARLY_AS_GOOD * able[0].gain and _misses_little(t, able[0], left.per_dof)]
     return min(near, key=lambda t: (len(t.effect.parameters), -t.gain))
 
 
 def _misses_little(t: Tested, best: Tested, noise: float) -> bool:
     fewer = max(len(best.effect.parameters) - len(t.effect.parameters), 0)
-    return best.explained - t.explained <= max(_MISSES * noise, _MISSED_SHARE * best.explained) + 2 * fewer * noise
+    return (
+        best.explained - t.explained
+        <= max(_MISSES * noise, _MISSED_SHARE * best.explained) + _A_PARAMETER * fewer * noise
+    )
 
 
 def may_join(t: Tested, named: Sequence[Named], first: Round | None, last: Round) -> bool:
