@@ -106,6 +106,7 @@ def _outlier(x: Any) -> dict[str, Any]:
         "where": x.name,
         "settings": {},
         "parameters": {},
+        "derived": {},
         "evidence": {"p_value": x.p_value, "excess": x.excess, "rms_sigma": x.rms_sigma},
         "confounded_with": [],
     }

@@ -64,6 +64,11 @@ def show_diagnosis(console: Console, result: Diagnosed) -> None:
             f"! The stated noise is implausible: {result.diagnosis.noise.in_words}. Tests use the noise that the data show."
         )
     for entry in document["effects"]:
+        if entry["derived"]:
+            console.print(
+                f"! {entry['kind']} at {entry['where']}: where its ends are was not told, so one of them was placed by convention. The "
+                "torque is right whatever their scale; spring, preload and levers by themselves are not measured."
+            )
         if entry.get("outside_the_catalogue_as_good"):
             console.print(
                 f"! {entry['kind']} at {entry['where']}: a form outside the catalogue would explain nearly as much: "
@@ -87,6 +92,7 @@ def values_in_words(entry: dict[str, Any]) -> str:
     if len(shown) < len(parameters):
         words.append(f"({len(parameters) - len(shown)} more)")
     words += [f"{name} {_number(value)} {unit}".rstrip() for name, value, unit in searched(entry)]
+    words += [f"{name} {short(p['value'])} {p['unit']}".removesuffix(" 1") for name, p in entry["derived"].items()]
     return ", ".join(words)
 
 
@@ -94,6 +100,7 @@ def searched(entry: dict[str, Any]) -> list[tuple[str, object, str]]:
     """Constants of a named effect that a search chose: name, value, unit."""
     slides = entry["settings"].get("prismatic", False)
     units = {"threshold": "N" if slides else "N m", "harmonic": "periods a metre" if slides else "periods a turn"}
+    units |= {"settling_s": "s", "lever_m": "m", "lever_deg": "deg", "anchor_m": "m"}
     return [
         (name, value, units.get(name, "")) for name, value in entry["settings"].items() if name not in _NEVER_SEARCHED
     ]

@@ -180,6 +180,10 @@ def _effect(result: Diagnosed, n: Named) -> h.Markup:
     found = shapes(result.diagnosis, n)
     rows = [_unknown(name, p) for name, p in entry["parameters"].items()]
     rows += [(name, _constant(value), "", "searched, not fitted", unit) for name, value, unit in searched(entry)]
+    rows += [
+        (name.replace("_", " "), h.number(p["value"]), "", "whatever the scale of the levers", p["unit"])
+        for name, p in entry["derived"].items()
+    ]
     evidence = entry["evidence"]
     lines = [
         f"It explains {h.number(evidence['sigma'])} sigma of the fitted readings when all other unknowns are refitted "
