@@ -64,7 +64,7 @@ def show_diagnosis(console: Console, result: Diagnosed) -> None:
             f"! The stated noise is implausible: {result.diagnosis.noise.in_words}. Tests use the noise that the data show."
         )
     for entry in document["effects"]:
-        if entry["derived"]:
+        if entry.get("derived"):
             console.print(
                 f"! {entry['kind']} at {entry['where']}: where its ends are was not told, so one of them was placed by convention. The "
                 "torque is right whatever their scale; spring, preload and levers by themselves are not measured."
@@ -92,7 +92,7 @@ def values_in_words(entry: dict[str, Any]) -> str:
     if len(shown) < len(parameters):
         words.append(f"({len(parameters) - len(shown)} more)")
     words += [f"{name} {_number(value)} {unit}".rstrip() for name, value, unit in searched(entry)]
-    words += [f"{name} {short(p['value'])} {p['unit']}".removesuffix(" 1") for name, p in entry["derived"].items()]
+    words += [f"{name} {short(p['value'])} {p['unit']}".removesuffix(" 1") for name, p in entry.get("derived", {}).items()]
     return ", ".join(words)
 
 
