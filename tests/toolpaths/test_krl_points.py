@@ -128,6 +128,23 @@ def test_a_plain_for_is_the_motions_it_stands_for():
     assert struct.refusals == ()
 
 
+def test_a_call_in_a_for_whose_counter_is_its_own_changes_no_point():
+    loop = b"DEF main( )\n%s\nFOR i=1 TO 2\n%s\nLIN gsMill[i].fCNC C_VEL\nENDFOR\nEND\n"
+    program = parse(loop % (b"DECL INT i", b"ChangeSpeed(gsMill[i].grfeedrate)"))
+    assert program.refusals == ()
+    np.testing.assert_array_equal(program.position_mm[:, 0], [1, 2])
+    assert not program.follows.any()  # the call may move the arm
+    for declared, call in [
+        (b"", b"sub(2)"),
+        (b"INT i", b"sub(i)"),
+        (b"INT i", b"sub(2) WAIT SEC 1"),
+        (b"INT j", b"f()"),
+    ]:
+        assert len(parse(loop % (declared, call)).refusals) == 1
+    # The point itself handed over may be changed by what is called.
+    assert len(parse(loop % (b"INT i", b"sub(gsMill[i].fCNC)")).refusals) == 2
+
+
 @pytest.mark.parametrize(
     "body",
     [

@@ -194,10 +194,13 @@ class _Reader(Motions):
 
     def unroll(self, found: Loop) -> None:
         """Read a plain FOR as the motions it stands for."""
+        first = self.line
         self.line += found.lines_before
         self.line_start = found.motion[0]
         for value in found.values:
             self.counter = {found.counter: value}
+            if found.calls is not None:
+                self.after_call(f"the call of {found.calls} in the loop that begins in line {first}")
             self.statement(*found.motion)
         self.counter = {}
         self.forget(f"the ENDFOR in line {self.line + found.lines_after}", moved=False)
@@ -232,5 +235,9 @@ class _Reader(Motions):
         else:
             why = boundary(code)
             if why is not None:
-                self.forget(f"{why} in line {self.line}")
-                self.rows.feed_mm_per_min = float("nan")  # it may have set another
+                self.after_call(f"{why} in line {self.line}")
+
+    def after_call(self, since: str) -> None:
+        """Something may have moved the arm, and set another feed."""
+        self.forget(since)
+        self.rows.feed_mm_per_min = float("nan")

@@ -144,10 +144,14 @@ def boundary(code: bytes) -> str | None:
         return f"the {block[1].decode().upper()}"
     if _LABEL.match(code):
         return "the label"
-    for call in _CALL.finditer(without_strings(code)):
-        if call[1].upper() not in _STILL:
-            return f"the call of {call[1].decode()}"
-    return None
+    name = called(code)
+    return None if name is None else f"the call of {name}"
+
+
+def called(code: bytes) -> str | None:
+    """Name of the first subprogram that a line calls and that may move the arm."""
+    calls = (call[1] for call in _CALL.finditer(without_strings(code)))
+    return next((name.decode() for name in calls if name.upper() not in _STILL), None)
 
 
 def without_strings(code: bytes) -> bytes:
