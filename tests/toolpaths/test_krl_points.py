@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from toolpaths.formats import naming_notes, read_again, read_program
+from toolpaths.formats import naming_notes, paths_beside, read_again, read_program
 from toolpaths.formats.krl import Krl
 from toolpaths.rewriting import rewrite
 
@@ -223,6 +223,16 @@ def test_a_module_that_is_written_under_another_name_is_said():
     (note,) = naming_notes(program, Path("out/corrected.src"))
     assert "'PART'" in note
     assert "corrected.dat" in note
+
+
+def test_a_dat_of_another_name_is_given_and_goes_beside_the_output_under_its_own(tmp_path):
+    (tmp_path / "part.src").write_bytes(b"DEF part()\nLIN XP4\nEND\n")
+    (tmp_path / "part.dat").write_bytes(b"DEFDAT PART\nENDDAT\n")
+    (tmp_path / "points.dat").write_bytes(DAT.replace(b"DEFDAT PART", b"DEFDAT POINTS PUBLIC"))
+    program = read_program(tmp_path / "part.src", beside=[tmp_path / "points.dat"])
+    assert program.refusals == ()
+    assert [path.name for path in paths_beside(program, Path("new.src"))] == ["new.dat", "new_points.dat"]
+    assert sum("points" in note.lower() for note in naming_notes(program, Path("new.src"))) == 1
 
 
 @st.composite

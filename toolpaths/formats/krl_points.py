@@ -196,13 +196,22 @@ def _is_member(code: bytes, at: int) -> bool:
     return code[max(at - 2, 0) : at].rstrip(b" \t")[-1:] in (b".", b"$", b"#")
 
 
-def naming_note(dat: bytes, stem: str) -> str | None:
-    """What to say where a ``.dat`` is written under another name than its module's; the controller refuses such a file."""
+def naming_note(dat: bytes, stem: str, source: str) -> str | None:
+    """What to say where a ``.dat`` is written under another name than its module's; the controller refuses such a file.
+
+    Parameters
+    ----------
+    stem, source
+        Names under which the file and the source are written, without suffix.
+    """
     match = _MODULE.search(dat)
     if match is None or match[1].decode().lower() == stem.lower():
         return None
     name = match[1].decode()
+    told = f"the .dat holds the module '{name}' but is written as '{stem}.dat'"
+    if stem != source:
+        return f"{told}: give it the name {name}.dat on the controller"
     return (
-        f"the .dat holds the module '{name}' but is written as '{stem}.dat': give both files the name {name} on the controller "
-        f"(or choose an output named {name}.src), and see that DEF in the .src matches"
+        f"{told}: give both files the name {name} on the controller (or choose an output named {name}.src), and see that DEF in "
+        "the .src matches"
     )
