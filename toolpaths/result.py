@@ -154,7 +154,7 @@ class Compensation:
             },
             "causes": account.causes_list(),
             "turning_points": account.turning.to_list(self.line),
-            "evenness": account.evenness.to_dict(self.line),
+            "evenness": {**account.evenness.to_dict(self.line), **account.blending.to_dict()},
             "reserve": account.reserve.to_dict(),
             "controller": self.process.controller.model_dump(),
             "probe": None if self.learnt is None else self.learnt.to_dict(),

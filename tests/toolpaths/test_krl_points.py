@@ -177,6 +177,16 @@ def test_feeds_are_read_in_metres_a_second():
     np.testing.assert_allclose(parse(source).feed_mm_per_min, [np.nan, 3000, 6000, 30000, 120000, np.nan, np.nan])
 
 
+def test_blends_are_read_as_c_dis_means_them_there():
+    text = (
+        b"%s\n$APO.CDIS = 0.5\n%s\n%s C_DIS\n%s C_VEL\n$APO = {CVEL 50,CDIS 2,CORI 5}\n%s C_DIS ; 7\nS%s WITH $APO.CDIS = 1.25 C_SPL\n"
+        b"LDAT_ACT = LCPDAT1\nFDAT_ACT=FX\nBAS(#CP_PARAMS,0.5)\nLIN XP4 C_DIS\nsub()\n%s C_DIS\n"
+    ).replace(b"%s", FULL.strip())
+    dat = DAT + b"DECL LDAT LCPDAT1={VEL 0.5,ACC 100.0,APO_DIST 3.0,APO_FAC 50.0}\n"
+    program = parse(text, dat)
+    np.testing.assert_array_equal(program.blend_mm, [0.0, 0.0, 0.5, np.inf, 2.0, 1.25, 3.0, np.nan])
+
+
 def test_status_counts_where_the_controller_heeds_it():
     source = b"PTP {X 1,Y 2,Z 3,A 0,B 0,C 0,S 6,T 2}\nPTP {X 1,S 'B001'}\nLIN {X 2,S 2,T 3}\nPTP XP4\nPTP {Z 1}\n"
     program = parse(source)

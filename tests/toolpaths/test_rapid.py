@@ -135,6 +135,29 @@ def test_speeds_are_millimetres_a_second(speed, mm_per_min):
     np.testing.assert_array_equal(program.feed_mm_per_min, [mm_per_min])
 
 
+@pytest.mark.parametrize(
+    ("zone", "mm"),
+    [
+        ("fine", 0.0),
+        ("z0", 0.3),
+        ("Z5", 5.0),
+        ("z1\\Z:=0.7\\Inpos:=inpos50", 0.7),
+        ("fine\\Inpos:=inpos50", 0.0),
+        ("zMine", 0.8),
+        ("zStop", 0.0),
+        ("z3", np.nan),
+    ],
+)
+def test_zones_are_the_tool_s_radius(zone, mm):
+    program = parse(
+        "VAR zonedata zMine:=[FALSE,0.8,1,1,0.1,1,0.1];",
+        "CONST zonedata zStop := [ TRUE, 5,1,1,0.1,1,0.1];",
+        f"MoveL {T1},v100,{zone},tMill\\WObj:=block;",
+        f"MoveC {T1},{T2},v100,{zone},tMill\\WObj:=block;",
+    )
+    np.testing.assert_array_equal(program.blend_mm, [mm, 0.0, mm])
+
+
 def test_both_poses_of_an_arc_are_targets():
     program = parse(f"MoveL {T2}{TAIL}", f"MoveC {T1},{T2}{TAIL}")
     assert program.role.tolist() == ["point", "via", "end"]

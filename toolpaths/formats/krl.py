@@ -22,9 +22,12 @@ from toolpaths.formats.krl_statements import (
     CONTENT,
     EMBEDDED_MOTION,
     MOTION,
+    blend_of,
+    blend_setting,
     boundary,
     fatal_setting,
     feed_setting,
+    path_data_name,
     without_strings,
 )
 from toolpaths.formats.krl_words import Aggregate, code_end, shown
@@ -39,7 +42,7 @@ def _ordinary_line() -> re.Pattern[bytes]:
     words += rb"".join(rb"(?:[ \t]*,[ \t]*E%d(?:[ \t]+|(?=[+-]))%s)?" % (n, _NUMBER) for n in range(1, 7))
     status = rb"(?:[ \t]*,[ \t]*S[ \t]+(\d{1,9}))?(?:[ \t]*,[ \t]*T[ \t]+\d+)?"
     pose = rb"\{[ \t]*(?:E6POS[ \t]*:[ \t]*)?(X)(?:[ \t]+|(?=[+-]))%s%s%s[ \t]*\}" % (_NUMBER, words, status)
-    tail = rb"(?:[ \t]+C_(?:DIS|VEL|ORI|PTP))*[ \t]*(?:;[^\r\n]*)?\r*(?:\n|\Z)"
+    tail = rb"((?:[ \t]+C_(?:DIS|VEL|ORI|PTP))*)[ \t]*(?:;[^\r\n]*)?\r*(?:\n|\Z)"
     return re.compile(rb"[ \t]*(S?LIN|S?PTP)[ \t]*" + pose + tail, re.IGNORECASE)
 
 
@@ -157,6 +160,7 @@ class _Reader(Motions):
                 aggregate = Aggregate(groups[2:14], regs[3:9], regs[2][0], regs[0][1], False, groups[14])
                 if self.frames.borrowed:
                     self.frames.give_back(self.line)
+                self.rows.blend_mm = blend_of(b"", groups[15], self.blend_distance) if groups[15] else 0.0
                 self.point(groups[0].upper().decode(), aggregate)
                 at = self.alike(at, groups, regs)
                 continue
@@ -223,6 +227,7 @@ class _Reader(Motions):
         feed = feed_setting(code)
         if feed is not None:
             self.rows.feed_mm_per_min = feed
+        self.blending(code)
         changed = self.frames.read(raw, start, end, self.line)
         if changed is not None:
             self.forget(f"the {changed} set in line {self.line}", moved=False)
@@ -237,7 +242,17 @@ class _Reader(Motions):
             if why is not None:
                 self.after_call(f"{why} in line {self.line}")
 
+    def blending(self, code: bytes) -> None:
+        """What C_DIS means from here on, if a line says so."""
+        self.path_data = path_data_name(code) or self.path_data
+        blend = blend_setting(code)
+        if isinstance(blend, float):
+            self.blend_distance = blend
+        elif blend is not None:
+            named = self.path_data is not None and not self.piece
+            self.blend_distance = self.points().blend_distance(self.path_data or "") if named else float("nan")
+
     def after_call(self, since: str) -> None:
         """Something may have moved the arm, and set another feed."""
         self.forget(since)
-        self.rows.feed_mm_per_min = float("nan")
+        self.rows.feed_mm_per_min = self.blend_distance = float("nan")

@@ -6,6 +6,7 @@ would be changed by a correction, and what else writes it makes its numbers unce
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Iterable, Sequence
 from typing import NamedTuple
@@ -33,6 +34,7 @@ _MEMBER = re.compile(rb"([A-Za-z_]\w*)[ \t]*(\{[^{}]*\})")
 _SILENT = re.compile(rb'"[^"\r\n]*"|;[^\n]*')
 _DECLARES = re.compile(rb"[ \t]*(?:GLOBAL|DECL|CONST|E6POS|E3POS|POS|FRAME|E6AXIS|E3AXIS|AXIS|EXT)[ \t]", re.IGNORECASE)
 _FDAT = re.compile(rb"\b(TOOL_NO|BASE_NO)[ \t]+(-?\d+)|\bIPO_FRAME[ \t]+(#\w+)", re.IGNORECASE)
+_LDAT = re.compile(rb"\bAPO_DIST[ \t]+(\d{1,6}(?:\.\d{0,9})?)[ \t]*[,}]", re.IGNORECASE)
 _MODULE = re.compile(rb"^[ \t]*DEFDAT[ \t]+([A-Za-z_]\w*)", _FLAGS)
 _GLOBAL_POINT = re.compile(rb"^[ \t]*(?:DECL[ \t]+)?GLOBAL[ \t]+(?:DECL[ \t]+)?(?:E6POS|E3POS|POS|FRAME)\b", _FLAGS)
 
@@ -123,6 +125,15 @@ class Points:
             return None
         stands = said.get(b"IPO", b"").upper() == b"#TCP"
         return FrameData(said[b"TOOL_NO"].decode(), said[b"BASE_NO"].decode(), stands)
+
+    def blend_distance(self, name: str) -> float:
+        """APO_DIST of a ``DECL LDAT`` of that name, mm; NaN where there is none."""
+        places = self._places.get((name.upper(), None, ()), [])
+        if len(places) != 1:
+            return math.nan
+        file, start, end = places[0]
+        match = _LDAT.search(self.files[file], start, end)
+        return float(match[1]) if match is not None else math.nan
 
     def __len__(self) -> int:
         return len(self._places)

@@ -52,6 +52,14 @@ _FEED_VALUE = re.compile(
     _FLAGS | re.DOTALL,
 )
 _FEED_WITH = re.compile(rb"\$VEL(?:\s*\.\s*CP\s*=%s|\s*=\s*SVEL_CP\s*\(%s)(?=[,)]|\s*C_|\Z)" % (_FLOAT, _FLOAT), _FLAGS)
+_BLEND = re.compile(
+    rb"\s*(?:\$APO\s*\.\s*CDIS\s*=(?!=)|\$APO\s*=(?!=)|BAS\s*\(\s*#(?:INITMOV|CP_DAT|CP_PARAMS)\b)", _FLAGS
+)
+_BLEND_VALUE = re.compile(
+    rb"\s*(?:\$APO\s*\.\s*CDIS\s*=%s|\$APO\s*=\s*\{[^}]*?\bCDIS\s+%s[,}].*)\Z" % (_FLOAT, _FLOAT), _FLAGS | re.DOTALL
+)
+_BLEND_WITH = re.compile(rb"\$APO\s*(?:\.\s*CDIS\s*=%s|=\s*\{[^}]*?\bCDIS\s+%s[,}])" % (_FLOAT, _FLOAT), _FLAGS)
+_PATH_DATA = re.compile(rb"\s*LDAT_ACT\s*=\s*([A-Za-z_]\w*)\s*\Z", _FLAGS)
 _FRAME_WITH = re.compile(rb"\$(BASE|TOOL|IPO_MODE)\s*=\s*(?:S(?:BASE|TOOL2?|IPO_MODE)\s*\(\s*(F\w+)|(\S[^,]*))", _FLAGS)
 _FATAL = (
     (
@@ -125,8 +133,57 @@ def feed_with(clause: bytes) -> float | None:
     return math.nan if match is None else _millimetres_a_minute(match)
 
 
+def blend_setting(code: bytes) -> float | str | None:
+    """Distance in mm from which C_DIS rounds over a point, where a line sets it: NaN where it sets one that is no number, "data" where
+    it takes that of the present path data (``LDAT_ACT``); None if it sets none.
+    """
+    found = _BLEND.match(code)
+    if found is None:
+        return None
+    if b"#" in found[0]:
+        return "data" if b"CP_" in found[0].upper() else math.nan
+    match = _BLEND_VALUE.match(code)
+    return math.nan if match is None else _number(match)
+
+
+def blend_with(clause: bytes) -> float | None:
+    """As `blend_setting`, for what a spline segment sets for itself after WITH."""
+    if b"$APO" not in clause.upper():
+        return None
+    match = _BLEND_WITH.search(clause)
+    return math.nan if match is None else _number(match)
+
+
+def path_data_name(code: bytes) -> str | None:
+    """Name of the path data of an inline form that a line makes the present ones."""
+    match = _PATH_DATA.match(code)
+    return None if match is None else match[1].decode()
+
+
+def blend_of(kind: bytes, tail: bytes, distance_mm: float) -> float:
+    """Blend of a motion in mm.
+
+    Parameters
+    ----------
+    kind, tail
+        Keyword and what stands behind the target. Without C_ words the arm goes to the point; through that of SPL it always goes.
+    distance_mm
+        What C_DIS means at present.
+    """
+    said = tail.upper()
+    if kind.upper() == b"SPL" or b"C_" not in said:
+        return 0.0
+    if b"C_DIS" in said or b"C_SPL" in said:
+        return distance_mm
+    return math.inf
+
+
+def _number(match: re.Match[bytes]) -> float:
+    return float(next(group for group in match.groups() if group is not None))
+
+
 def _millimetres_a_minute(match: re.Match[bytes]) -> float:
-    return 60e3 * float(next(group for group in match.groups() if group is not None))
+    return 60e3 * _number(match)
 
 
 def frames_with(clause: bytes) -> list[tuple[str, str, str]]:

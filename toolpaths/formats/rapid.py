@@ -78,7 +78,8 @@ def _see(reader: Reader, module: Reader, name: str) -> None:
         elif not routine:
             twice = isinstance(reader.outside.get(point), Target)
             reader.outside[point] = f"which is declared twice (again in {name})" if twice else target
-    for mine, other in ((reader.frame_data, module.frame_data), (reader.speeds, module.speeds)):
+    tables = ((reader.frame_data, module.frame_data), (reader.speeds, module.speeds), (reader.zones, module.zones))
+    for mine, other in tables:
         for key in other.keys() - mine.keys() - module.local:
             mine[key] = other[key]  # type: ignore[assignment]
     reader.assigned |= module.assigned - module.local

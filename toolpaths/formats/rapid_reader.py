@@ -30,12 +30,13 @@ class Reader(Reading):
         self.points: dict[tuple[bytes, bytes], Target | str] = {}
         self.frame_data: dict[bytes, words.Frame | None] = {}
         self.speeds: dict[bytes, float] = {}
+        self.zones: dict[bytes, float] = {}
         self.assigned: set[bytes] = set()
         self.routine = b""
         self.conf_off = False
         self._conf: dict[bytes, tuple[int, int, int] | None] = {}
         self._axes: tuple[bytes, tuple[float, ...] | None] = (b"", None)
-        self._tool = self._speed = b""
+        self._tool = self._speed = self._zone = b""
         self.unusable: list[int] = []
 
     def read(self) -> None:
@@ -47,7 +48,7 @@ class Reader(Reading):
                 target = self.literal(match, 2, None)
                 if target is not None:
                     self.to(match.start(1))
-                    self.move(match, target, match[11], match[12])
+                    self.move(match, target, match[11], match[12], match[13])
                     at = match.end()
                     continue
             match = words.MOVE_NAMED.match(code, at, size)
@@ -55,7 +56,7 @@ class Reader(Reading):
                 point = self.point(match[2])
                 if isinstance(point, Target):
                     self.to(match.start(1))
-                    self.move(match, point, match[3], match[4])
+                    self.move(match, point, match[3], match[4], match[5])
                     at = match.end()
                     continue
             match = words.DECLARED.match(code, at, size)
@@ -124,7 +125,7 @@ class Reader(Reading):
             return None
         return Target(groups[first - 1 : first + 6], match.regs[first : first + 7], external, bits, point)
 
-    def move(self, match: re.Match[bytes], target: Target, speed: bytes, tool: bytes) -> None:
+    def move(self, match: re.Match[bytes], target: Target, speed: bytes, zone: bytes, tool: bytes) -> None:
         """An ordinary linear or joint move."""
         self.has_motion = True
         kind = match[1].upper().decode()
@@ -132,6 +133,8 @@ class Reader(Reading):
             self.use(tool, match.start(1))
         if speed != self._speed:
             self._speed, self.rows.feed_mm_per_min = speed, words.feed(speed, self.speeds)
+        if zone != self._zone:
+            self._zone, self.rows.blend_mm = zone, words.blend(zone, self.zones)
         self.go(kind, "point", target, force=kind == "MOVEL")
 
     def go(self, kind: str, role: str, target: Target, *, force: bool) -> None:
@@ -201,6 +204,8 @@ class Reader(Reading):
             self.mention(self.names(match.end(), end), shown(self.raw, match.start(), end))
         elif kind == b"SPEEDDATA":
             self.speeds[name.upper()] = words.feed(self.code[match.end() : end].strip(), {})
+        elif kind == b"ZONEDATA":
+            self.zones[name.upper()] = words.blend(self.code[match.end() : end].strip(), {})
         else:
             self.frame_data[name.upper()] = words.literal_frame(kind, self.code, match.end(), end)
 
@@ -231,6 +236,8 @@ class Reader(Reading):
         self.use(code[slice(*pieces[tool_at])], pieces[tool_at][0])
         self._speed = code[slice(*pieces[1 + arc])]
         self.rows.feed_mm_per_min = words.feed(self._speed, self.speeds)
+        self._zone = code[slice(*pieces[tool_at - 1])]
+        self.rows.blend_mm = words.blend(self._zone, self.zones)
         for role, target in zip(("via", "end") if arc else ("point",), targets, strict=True):
             self.go(match[1].upper().decode(), role, target, force=curve != b"J")
 
