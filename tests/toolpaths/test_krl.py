@@ -73,7 +73,7 @@ def test_ordinary_lines_read_the_same_by_the_general_reader(monkeypatch):
         b"PTP {X 9.5,Y 0,Z 3.25,A -0.0,B +7.5,C .5,E1 4.5} C_DIS ;1\r\n",
         b"lin {X 9.5,Y 0,Z 3.25,A -0.0,B +7.5,C .5,E1 4.5} C_DIS ;1\r\n",
         b"LIN {X 9.5,Y 0,Z ,A 3.25 -0.0,B +7.5,C .5,E1 4.5} C_DIS ;1\r\n",
-        b"$VEL.CP=0.5\r\n",
+        b"$VEL.CP=0.5\r\n$APO.CDIS=0.4\r\n",
         b"",
     ],
 )
@@ -90,7 +90,7 @@ def test_many_lines_read_at_once_are_the_lines_one_by_one(monkeypatch, odd):
     slow = parse(raw)
     for name in ("line", "kind", "role", "position_mm", "orientation", "external", "span", "source", "body", "refused"):
         np.testing.assert_array_equal(getattr(quick, name), getattr(slow, name), err_msg=name)
-    for name in ("carries_force", "follows", "feed_mm_per_min", "status"):
+    for name in ("carries_force", "follows", "feed_mm_per_min", "blend_mm", "status"):
         np.testing.assert_array_equal(getattr(quick, name), getattr(slow, name), err_msg=name)
     assert quick.refusals == slow.refusals
     assert quick.notes == slow.notes
