@@ -24,6 +24,7 @@ from toolpaths.analytic import SixAxes, six_axes
 from toolpaths.branches import sides_of
 from toolpaths.compensation import Bench
 from toolpaths.postures import along_path, driven, outside_limits, singularity_margin
+from toolpaths.program import Program
 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
@@ -61,6 +62,15 @@ class Spin:
     kept_mm: Floats
     chosen_mm: Floats
     why: str
+
+    def notes(self, program: Program) -> list[str]:
+        """What was done, and where the turns are if the program does not print them."""
+        hidden = program.convention.axis_only and bool(self.angle_rad.any())
+        where = (
+            ". This program does not say how the tool is turned: whoever makes joint angles of it must turn it so "
+            "(tool_turn_deg of --points, from the least turn that posture_deg begins with)"
+        )
+        return [f"--spin stiffest: {self.why}{where if hidden else ''}"]
 
     def to_dict(self) -> dict[str, object]:
         """For `--json`."""

@@ -102,6 +102,20 @@ def correction_figure(s_mm: Floats, correction_mm: Floats, force_N: Floats) -> s
     return f.uri(made, many=s_mm.size > f.MANY)
 
 
+def spin_figure(s_mm: Floats, kept_mm: Floats, chosen_mm: Floats, angle_rad: Floats) -> str:
+    """Deflection with the tool as programmed and as turned about its axis, and the turn."""
+    made, (top, bottom) = f.new(4.6, 2, 1, sharex=True)
+    f.line(top, s_mm, kept_mm, f.SERIES[1], "as programmed")
+    f.line(top, s_mm, chosen_mm, f.SERIES[2], "as turned")
+    f.line(bottom, s_mm, np.degrees(angle_rad), f.INK, "turn")
+    top.set_ylim(bottom=0.0)
+    top.set_ylabel("deflection, mm")
+    bottom.set_ylabel("turn of the tool, deg")
+    f.legend(top)
+    _along(bottom)
+    return f.uri(made, many=s_mm.size > f.MANY)
+
+
 def top_view_figure(target_mm: Floats, correction_mm: Floats) -> tuple[str, str]:
     """The path in the plane it mostly lies in, coloured by the correction, with arrows.
 

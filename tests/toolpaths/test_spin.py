@@ -6,13 +6,16 @@ import numpy as np
 import pytest
 
 from drake_stiffness.errors import InputError
+from drake_stiffness.report.compensation import body
+from toolpaths.account.points_table import points_csv
+from toolpaths.formats.apt import Apt
 from toolpaths.formats.krl import Krl
 from toolpaths.formats.waypoints_csv import WaypointsCsv
 from toolpaths.job import compensate
 from toolpaths.loaded_path import about, loaded_path, targets
 from toolpaths.postures import outside_limits, singularity_margin
 from toolpaths.process import Process, posture
-from toolpaths.spin import Ride
+from toolpaths.spin import Ride, Spin
 
 
 def silent(*_) -> None:
@@ -89,6 +92,19 @@ def test_the_printed_program_has_the_turn_and_only_the_turn(model, cut, ridden):
     assert apart < 5e-3  # the correction itself turns the tool by its small deflection
     assert result.after_mm.max() < 2 * result.quantum_mm + 1e-3
     assert result.to_dict()["spin"]["largest_turn_deg"] > 10
+    # What it buys is said, shown, and listed point by point.
+    assert any(note.startswith("--spin stiffest: the tool was turned by") for note in result.notes)
+    assert "Turning the tool about its axis" in str(body(result, model, level=2))
+    header, first = points_csv(result).splitlines()[:2]
+    turn = float(first.split(",")[header.split(",").index("tool_turn_deg")])
+    assert turn == pytest.approx(np.degrees(turned.spin.angle_rad[0]), rel=1e-5)
+
+
+def test_a_program_of_the_tool_s_axis_alone_is_told_where_its_turns_are():
+    program = Apt().parse(b"GOTO/1,2,3,0,0,1\n", "cut.apt")
+    spin = Spin(np.array([0.3]), np.ones(1), np.full(1, 0.5), "the tool was turned")
+    assert "tool_turn_deg" in spin.notes(program)[0]
+    assert "tool_turn_deg" not in Spin(np.zeros(1), np.ones(1), np.ones(1), "not turned").notes(program)[0]
 
 
 def test_a_program_without_orientations_cannot_be_turned(model, cut):
