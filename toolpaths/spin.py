@@ -198,6 +198,11 @@ def stiffest(ride: Ride) -> Spin:
                 return Spin(none, kept, kept, "the tool was not turned: it would gain less than one percent")
             gain = 100 * (1 - chosen.mean() / kept.mean())
             why = f"the tool was turned by up to {np.degrees(np.abs(angle).max()):.0f} deg: {gain:.0f} % less predicted deflection on average"
+            if not ride.stays().all():
+                why += (
+                    "; the force is stated in the tool's axes and was turned with the tool, so part of the gain may be that it points elsewhere: "
+                    "state a force that comes from the cut in path or workpiece axes"
+                )
             return Spin(
                 angle, kept, chosen, why if sound.all() else f"{why}; as programmed the path leaves limits or reach"
             )

@@ -27,7 +27,7 @@ def process(**force) -> Process:
         {
             "workpiece": {"position_m": [1.65, -0.10, 0.75]},
             "posture_deg": [0, -70, 120, 0, -50, 0],
-            "force": {"constant": {**force, "frame": "workpiece"}},
+            "force": {"constant": {"frame": "workpiece", **force}},
         }
     )
 
@@ -119,3 +119,10 @@ def test_where_turning_gains_nothing_the_tool_stays(model, cut, ridden):
     turned = loaded_path(program, model, process(), silent, "stiffest")
     assert not turned.spin.angle_rad.any()
     assert "it would gain less than one percent" in turned.spin.why
+
+
+def test_a_force_that_turns_with_the_tool_is_doubted(model, cut, ridden):
+    program, _, turned = ridden
+    assert "tool's axes" not in turned.spin.why
+    tied = process(fx_N=240.0, fy_N=180.0, fz_N=-400.0, frame="tool")
+    assert "the force is stated in the tool's axes" in loaded_path(program, model, tied, silent, "stiffest").spin.why
