@@ -174,7 +174,9 @@ def _deviation(result: Compensation) -> list[h.Markup]:
 
 
 def _correction(result: Compensation) -> list[h.Markup]:
-    picture, view = plots.top_view_figure(result.target_mm, result.correction_mm)
+    picture, view = plots.top_view_figure(
+        result.target_mm, result.correction_mm, np.isnan(result.account.evenness.spacing_mm)
+    )
     s = plots.path_mm(result.target_mm)
     largest = np.abs(result.correction_mm).max(axis=0)
     mean = result.correction_mm.mean(axis=0)

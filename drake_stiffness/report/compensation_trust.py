@@ -177,10 +177,13 @@ def _controller(result: Compensation) -> list[h.Markup]:
         (text, words[stated[key]] if isinstance(stated[key], bool) or stated[key] is None else f"{stated[key]:g}")
         for key, text in _CONTROLLER.items()
     ]
+    low, high = result.account.blending.limits_mm
+    if stated["blend_radius_mm"] is None and np.isfinite(high):
+        rows[-1] = (rows[-1][0], f"not stated; the program says {low:g} to {high:g}")
     return [
         h.table(("as stated in process.yaml (controller)", ""), rows),
         h.paragraph(
-            "Nothing of this is in the program, and each decides whether a correction of tenths of a millimetre lands: a wrong load moves the "
+            "Hardly any of this is in the program, and each decides whether a correction of tenths of a millimetre lands: a wrong load moves the "
             "controller's own sag model, a wrong TCP every oriented point, and blending rounds over points that lie close."
         ),
     ]
