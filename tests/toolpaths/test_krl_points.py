@@ -208,6 +208,21 @@ def test_base_and_tool_come_from_the_data_of_the_inline_form():
     assert standing.refusals[0].fatal
 
 
+def test_frames_that_the_program_writes_into_the_table_are_its_own_literals():
+    table = b"BASE_DATA[6]={X 100,Y 0,Z 0,A 0,B 0,C 0}\n"
+    for select in (b"BAS(#BASE,6)\n", b"$BASE=BASE_DATA[6]\n"):
+        (frame,) = parse(table + select + FULL).frames
+        assert (frame.origin, frame.pose) == ("literal", (100.0, 0.0, 0.0, 0.0, 0.0, 0.0))
+        assert parse(table + select.replace(b"6", b"5") + FULL).frames[0].origin == "controller"
+        for write in (b"BASE_DATA[6].X=100\n", b"BASE_DATA[i]=f(1)\n", b"BASE_DATA[6]=BASE_DATA[7]\n"):
+            assert parse(table + write + select + FULL).frames[0].origin == "expression"
+    form = b"FDAT_ACT=FP9\nBAS(#CP_PARAMS,0.5)\nLIN XP4\n"
+    data = DAT + b"DECL FDAT FP9={TOOL_NO 1,BASE_NO 6,IPO_FRAME #BASE}\n"
+    frames = {frame.what: frame.origin for frame in parse(table + form, data).frames}
+    assert frames == {"base": "literal", "tool": "controller"}
+    assert parse(b"BAS(#EX_BASE,1)\n" + FULL).frames[0].origin == "expression"
+
+
 def test_frames_of_one_segment_end_with_it():
     source = b"$BASE=BASE_DATA[2]\nSLIN XP10 WITH $BASE=SBASE(FP4.BASE_NO)\n" + FULL + b"SLIN XP10 WITH $BASE={X 1}\n"
     program = parse(source)

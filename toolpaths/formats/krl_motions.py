@@ -7,7 +7,7 @@ import re
 from collections.abc import Sequence
 from typing import NamedTuple
 
-from toolpaths.formats.krl_frames import Frames
+from toolpaths.formats.krl_frames import Frames, Told
 from toolpaths.formats.krl_points import REFERENCE, FrameData, Key, Points, key_of
 from toolpaths.formats.krl_statements import POINT_TO_POINT, blend_of, blend_with, feed_with
 from toolpaths.formats.krl_words import Aggregate, Unreadable, read_aggregate, shown, status_bits
@@ -42,7 +42,7 @@ class Resume(NamedTuple):
     lasting
         Base and tool in force.
     frame_data
-        Name of the present data of inline forms.
+        See `krl_frames.Told`.
     unknown_since
         Why words that are not known are not.
     """
@@ -54,11 +54,13 @@ class Resume(NamedTuple):
     blend: tuple[float, str | None]
     moved: bool | None
     lasting: tuple[FrameSetting, ...]
-    frame_data: str | None
+    frame_data: Told
     unknown_since: str
 
 
-START = Resume(0, (math.nan,) * 12, NO_STATUS, math.nan, (math.nan, None), None, (), None, "no line before it says")
+START = Resume(
+    0, (math.nan,) * 12, NO_STATUS, math.nan, (math.nan, None), None, (), (None, ()), "no line before it says"
+)
 
 
 class Motions:

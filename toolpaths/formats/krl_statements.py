@@ -38,8 +38,9 @@ _STILL = frozenset(
 
 _FRAME = re.compile(rb"\s*\$(BASE|TOOL)\s*(?=[=.\[])", _FLAGS)
 _CONTROLLER_DATA = re.compile(rb"=\s*(?:BASE|TOOL)_DATA\s*\[[^\]]*\]\s*\Z", _FLAGS)
+_TABLE = re.compile(rb"\s*(BASE|TOOL)_DATA\s*\[([^\]]*)\](?=\s*[=.](?!=))", _FLAGS)
 _NULL_FRAME = re.compile(rb"=\s*\$(?:NULLFRAME|WORLD)\s*\Z", _FLAGS)
-_BAS = re.compile(rb"\s*BAS\s*\(\s*#(BASE|TOOL)\b", _FLAGS)
+_BAS = re.compile(rb"\s*BAS\s*\(\s*#(EX_)?(BASE|TOOL)\b", _FLAGS)
 _BAS_FRAMES = re.compile(rb"\s*BAS\s*\(\s*#(?:FRAMES|PTP_PARAMS|CP_PARAMS)\b", _FLAGS)
 _FRAME_DATA = re.compile(rb"\s*FDAT_ACT\s*=\s*([A-Za-z_]\w*)\s*\Z", _FLAGS)
 _FLOAT = rb"\s*([+]?(?:\d{1,9}\.?\d{0,9}|\.\d{1,9})(?:E[+-]?\d)?)\s*"
@@ -83,7 +84,8 @@ def frame_setting(raw: bytes, start: int, end: int, line: int) -> FrameSetting |
     text = shown(raw, start, end)
     called = _BAS.match(raw, start, end)
     if called is not None:
-        return FrameSetting(line, called[1].decode().lower(), "controller", None, text)
+        origin = "controller" if called[1] is None else "expression"  # a base that external axes carry
+        return FrameSetting(line, called[2].decode().lower(), origin, None, text)
     match = _FRAME.match(raw, start, end)
     if match is None:
         return None
@@ -93,17 +95,33 @@ def frame_setting(raw: bytes, start: int, end: int, line: int) -> FrameSetting |
         return FrameSetting(line, what, "controller", None, text)
     if _NULL_FRAME.match(setting):
         return FrameSetting(line, what, "literal", (0.0,) * 6, text)
-    brace = raw.find(b"{", match.end(), end)
-    if brace >= 0 and raw[match.end() : brace].strip() == b"=":
-        try:
-            aggregate = read_aggregate(raw, brace, end)
-        except Unreadable:
-            return FrameSetting(line, what, "expression", None, text)
-        if not aggregate.is_axes and not raw[aggregate.end : end].strip():
-            tokens = aggregate.tokens[: len(POSE_WORDS)]
-            pose = tuple(math.nan if token is None else float(token) for token in tokens)
-            return FrameSetting(line, what, "literal", pose, text)
-    return FrameSetting(line, what, "expression", None, text)
+    pose = _literal_frame(raw, match.end(), end)
+    return FrameSetting(line, what, "expression" if pose is None else "literal", pose, text)
+
+
+def _literal_frame(raw: bytes, at: int, end: int) -> tuple[float, ...] | None:
+    """The literal frame that an ``=`` gives, NaN for a word not written; None where it is no literal."""
+    brace = raw.find(b"{", at, end)
+    if brace < 0 or raw[at:brace].strip() != b"=":
+        return None
+    try:
+        aggregate = read_aggregate(raw, brace, end)
+    except Unreadable:
+        return None
+    if aggregate.is_axes or raw[aggregate.end : end].strip():
+        return None
+    return tuple(math.nan if token is None else float(token) for token in aggregate.tokens[: len(POSE_WORDS)])
+
+
+def stored_frame(raw: bytes, start: int, end: int) -> tuple[str, str | None, tuple[float, ...] | None] | None:
+    """What a line writes into the controller's table of frames: base or tool, its number (None: computed), the literal frame (None:
+    something else); None where it writes nothing there.
+    """
+    match = _TABLE.match(raw, start, end)
+    if match is None:
+        return None
+    number = str(int(match[2])) if match[2].strip().isdigit() else None
+    return match[1].decode().lower(), number, _literal_frame(raw, match.end(), end)
 
 
 def frames_by_data(code: bytes) -> bool:
