@@ -55,7 +55,18 @@ def test_ordinary_statements_read_the_same_by_the_general_reader(monkeypatch):
     for name in ("MOVE_LITERAL", "MOVE_NAMED"):
         monkeypatch.setattr(rapid.words, name, rapid.re.compile(b"(?!)"))
     general = parse(*lines)
-    for name in ("line", "kind", "pose", "external", "status", "span", "source", "refused", "carries_force"):
+    for name in (
+        "line",
+        "kind",
+        "pose",
+        "external",
+        "status",
+        "span",
+        "source",
+        "refused",
+        "carries_force",
+        "blend_mm",
+    ):
         np.testing.assert_array_equal(getattr(quick, name), getattr(general, name), err_msg=name)
     assert quick.frames == general.frames
 
@@ -72,6 +83,7 @@ def test_ordinary_statements_read_the_same_by_the_general_reader(monkeypatch):
         ("MoveL [[1,2,3],[0,0,0,0],[0,0,0,0],[9E9,9E9,9E9,9E9,9E9,9E9]],v100,z5,t;", "length zero"),
         ("MoveL [[1,2],[0,1,0,0],[0,0,0,0],[9E9,9E9,9E9,9E9,9E9,9E9]],v100,z5,t;", "not a literal robtarget"),
         (f"MoveL {T1},v100;", "2 arguments"),
+        (f"MoveL {T1},v100,z1,tMill\\WObj:=block\\Corr;", "added to this motion"),
         ("SearchL di1, sp, p10, v100, t;", "SearchL"),
         (f"PDispOn \\Rot, p10, tMill;\nMoveL {T1}{TAIL}", "displaced"),
         (

@@ -233,7 +233,12 @@ class Reader(Reading):
         targets = [self.target(*piece) for piece in pieces[: 1 + arc]]
         for piece in pieces[1 + arc :]:
             self.mention(self.names(*piece), shown(self.raw, match.start(), end))
-        self.use(code[slice(*pieces[tool_at])], pieces[tool_at][0])
+        tool = code[slice(*pieces[tool_at])]
+        if words.CORRECTED.search(tool) is not None:
+            raise Unreadable(
+                pieces[tool_at][0], "\\Corr: corrections from elsewhere are added to this motion while it runs"
+            )
+        self.use(tool, pieces[tool_at][0])
         self._speed = code[slice(*pieces[1 + arc])]
         self.rows.feed_mm_per_min = words.feed(self._speed, self.speeds)
         self._zone = code[slice(*pieces[tool_at - 1])]

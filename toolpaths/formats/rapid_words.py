@@ -191,6 +191,7 @@ def blend(text: bytes, declared: dict[bytes, float]) -> float:
 
 
 ID = re.compile(rb"\s*\\\s*ID\s*:=", _FLAGS)
+CORRECTED = re.compile(rb"\\\s*Corr\b", _FLAGS)
 _WOBJ = re.compile(rb"\\\s*WObj\s*:=\s*(%s)" % NAME, _FLAGS)
 _BY_JOINTS = re.compile(rb"\w*?(?:AbsJ|ExtJ|J)(?:DO|AO|GO|IOs|Sync)?\Z|Ind", _FLAGS)
 
