@@ -48,7 +48,7 @@ def _ordinary_line() -> re.Pattern[bytes]:
 
 _ORDINARY = _ordinary_line()
 # Bytes in which lines alike are looked for: few at first, more where there are many. After a vain look so many lines are left out.
-_WINDOW, _LARGEST_WINDOW, _REST = 8_000, 1_000_000, 20
+_WINDOW, _LEAST_WINDOW, _LARGEST_WINDOW, _REST = 8_000, 1_000, 1_000_000, 20
 # So many lines before the end a place to cut at is looked for.
 _CUT_WITHIN = 500
 
@@ -193,7 +193,10 @@ class _Reader(Motions):
         body = found.span[:, 0, 0] - (regs[3][0] - regs[2][0])
         self.rows.add_run(self.line + 1, kind.decode(), found.span, found.value, written, body)
         self.line += len(found)
-        self.window = min(2 * self.window, _LARGEST_WINDOW)
+        # Twice what this look found: short runs (a feed every few lines) must not be paid for with long looks, and the shortest with none.
+        self.window = min(max(2 * (found.end - end), _LEAST_WINDOW), _LARGEST_WINDOW)
+        if len(found) < _REST:
+            self.tries_from = self.line + 10 * _REST
         return found.end
 
     def unroll(self, found: Loop) -> None:
