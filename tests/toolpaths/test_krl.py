@@ -427,3 +427,11 @@ def test_files_of_other_kinds_are_no_krl():
             continue
         with pytest.raises(InputError):
             read_program(path, dialect="krl")
+
+
+def test_a_number_that_its_sign_alone_holds_apart_from_its_word_keeps_a_sign():
+    """``Z-0.1`` is a word and a number; ``Z0.27`` would be a name, and the program another one."""
+    program = parse(b"LIN {X-0.100,Y -0.100,Z-5.000,A 0.0,B 0.0,C+1.0}\n")
+    out = rewrite(program, program.position_mm + 0.37, program.orientation - 2.0, np.ones(1, bool))
+    assert out.raw == b"LIN {X+0.270,Y 0.270,Z-4.630,A -2.0,B -2.0,C-1.0}\n"
+    np.testing.assert_allclose(parse(out.raw).position_mm, program.position_mm + 0.37)
