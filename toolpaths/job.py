@@ -212,7 +212,12 @@ def _account(
         method=path.postures.method,
         refusals=(*program.refusals, *done.written.refusals),
         insertions=done.written.insertions,
-        notes=[*odd, *([] if learnt is None else learnt.notes), *notes],
+        notes=[
+            *([] if path.spin is None else path.spin.notes(program)),
+            *odd,
+            *([] if learnt is None else learnt.notes),
+            *notes,
+        ],
         account=account,
         path=path,
         learnt=learnt,

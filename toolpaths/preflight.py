@@ -160,19 +160,24 @@ _QUESTIONS = {
 }
 
 
-def controller_notes(process: Process, elastic_geometry: bool) -> list[str]:
+def controller_notes(process: Process, elastic_geometry: bool, blend_said: str = "") -> list[str]:
     """What the controller does decides whether a correction lands; what is not stated is asked for.
 
     Parameters
     ----------
     elastic_geometry : bool
         Whether the model holds identified geometric errors.
+    blend_said : str
+        What the program itself says of blend radii, if it says one for every point.
     """
     c: Controller = process.controller
     notes = []
-    open_keys = [key for key in _QUESTIONS if getattr(c, key) is None]
+    questions = dict(_QUESTIONS)
+    if blend_said:
+        questions["blend_radius_mm"] = f"does it blend as the program says, {blend_said}"
+    open_keys = [key for key in questions if getattr(c, key) is None]
     if open_keys:
-        asked = "; ".join(f"{_QUESTIONS[key]} ({key})" for key in open_keys)
+        asked = "; ".join(f"{questions[key]} ({key})" for key in open_keys)
         notes.append(f"not stated under `controller` in process.yaml, and it decides: {asked}?")
     if c.loads_set is False:
         notes.append(

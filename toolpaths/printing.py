@@ -17,6 +17,8 @@ Bools = NDArray[np.bool_]
 
 # A pose as near as this to the computed one (m, rad) is that one as printed.
 _PRINTED_M, _PRINTED_RAD = 5e-6, 5e-5
+# A word that moves by less (mm; words of the orientation by as little) has not been corrected: only the way to the world and back rounds it.
+_UNMOVED = 1e-9
 # So many points are looked at anew, and found to agree to this (m).
 _LOOKED_AT, _AGREES_M = 64, 1e-7
 
@@ -32,9 +34,16 @@ def write_poses(
     near = program.orientation[rows]
     known = np.isfinite(near).all(axis=1)
     orientation[rows[known]] = program.convention.near(R[known], near[known])
+    position = _kept(position, program.position_mm)
+    orientation = _kept(orientation, program.orientation)
     change = np.zeros(len(program), dtype=bool)
     change[rows] = True
     return rewrite(program, position, orientation, change, allow_insert=allow_insert)
+
+
+def _kept(words: Floats, before: Floats) -> Floats:
+    """Words with the values they had where they differ by rounding alone: some programs print more digits than arithmetic holds."""
+    return np.where(np.abs(words - before) < _UNMOVED, before, words)
 
 
 def read_back(

@@ -163,6 +163,9 @@ class Program:
         Only changes along the program are read: what 0 and 1 mean is learnt from the posture it starts in.
     feed_mm_per_min
         (N,) programmed feed, NaN where the program does not say it.
+    blend_mm
+        (N,) distance from the point at which the controller may leave the programmed path: 0 where it goes to the point itself,
+        infinite where the distance depends on speed, NaN where the program does not say it.
     span
         (N, 3 + K, 2) byte start and end of the number tokens of the words, -1 where this row does not write the word. Motions
         that go to one stored point have the same spans.
@@ -203,6 +206,7 @@ class Program:
     external: Floats
     status: Ints
     feed_mm_per_min: Floats
+    blend_mm: Floats
     span: Ints
     source: Ints
     also: Ints

@@ -22,7 +22,7 @@ class ProgramBuilder:
     """Collects rows while a dialect reads, and keeps the values of words that later rows may leave out.
 
     Rows are held in compact arrays, never as objects. `values` (the 3 + K words, then E1..E6) and `source` are the pose the
-    machine is in after the rows so far: NaN and -1 where unknown. `status` and `feed_mm_per_min` are those of the next row.
+    machine is in after the rows so far: NaN and -1 where unknown. `status`, `feed_mm_per_min` and `blend_mm` are those of the next row.
     """
 
     def __init__(self, convention: Convention = KUKA) -> None:
@@ -33,9 +33,10 @@ class ProgramBuilder:
         self._stored: dict[object, int] = {}
         self.status: tuple[int, int, int] = NO_STATUS
         self.feed_mm_per_min = math.nan
+        self.blend_mm = math.nan
         self.also = array("i")
         self._line, self._body, self._source, self._span = array("i"), array("i"), array("i"), array("i")
-        self._poses, self._feed = array("d"), array("d")
+        self._poses, self._feed, self._blend = array("d"), array("d"), array("d")
         self._status = array("b")
         self._kind: list[str] = []
         self._role: list[str] = []
@@ -107,6 +108,7 @@ class ProgramBuilder:
         self._body.append(body)
         self._status.extend(self.status)
         self._feed.append(self.feed_mm_per_min)
+        self._blend.append(0.0 if role == "via" else self.blend_mm)
 
     def stand_in(self, line: int, kind: str, values: Iterable[float], *, moved: bool = False) -> None:
         """A first row that nothing changes, for the last motion of the piece of the program before this one."""
@@ -142,6 +144,7 @@ class ProgramBuilder:
         self._body.frombytes(body.astype(np.int32).tobytes())
         self._status.extend(self.status * count)
         self._feed.extend([self.feed_mm_per_min] * count)
+        self._blend.extend([self.blend_mm] * count)
         self.values = poses[-1].tolist()
         self.source = [int(rows[-1])] * width
 
@@ -204,6 +207,7 @@ class ProgramBuilder:
             external=poses[:, width:].copy(),
             status=np.frombuffer(self._status, dtype=np.int8).reshape(count, 3).astype(np.int32),
             feed_mm_per_min=np.frombuffer(self._feed, dtype=float).copy(),
+            blend_mm=np.frombuffer(self._blend, dtype=float).copy(),
             span=_ints(self._span, count, width, 2),
             source=_ints(self._source, count, width),
             also=_ints(self.also, len(self.also) // 3, 3),

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from toolpaths.account.account import Account
 from toolpaths.account.residual import LEVEL
 from toolpaths.account.tally import summary_of
-from toolpaths.formats import files_of
+from toolpaths.formats import files_of, paths_beside
 from toolpaths.loaded_path import LoadedPath
 from toolpaths.probing.closed_loop import Learnt
 from toolpaths.process import Process
@@ -108,16 +108,9 @@ class Compensation:
         return self.parts[0]
 
     def files(self, output: Path) -> list[tuple[Path, bytes]]:
-        """What to write where: companions go beside the output under its name and their own suffix (and name, if that is shared)."""
-        others = [Path(part.path) for part in self.program.parts[1:]]
-        shared = {
-            other.suffix for place, other in enumerate(others) if other.suffix in [o.suffix for o in others[:place]]
-        }
-        paths = [output]
-        for other in others:
-            own = output.with_name(f"{output.stem}_{other.name}")
-            paths.append(own if other.suffix in shared else output.with_suffix(other.suffix))
-        return list(zip(paths, files_of(self.program, self.parts), strict=True))
+        """What to write where."""
+        paths = paths_beside(self.program, output)
+        return list(zip([output, *paths], files_of(self.program, self.parts), strict=True))
 
     @property
     def lines(self) -> int:
@@ -161,7 +154,7 @@ class Compensation:
             },
             "causes": account.causes_list(),
             "turning_points": account.turning.to_list(self.line),
-            "evenness": account.evenness.to_dict(self.line),
+            "evenness": {**account.evenness.to_dict(self.line), **account.blending.to_dict()},
             "reserve": account.reserve.to_dict(),
             "controller": self.process.controller.model_dump(),
             "probe": None if self.learnt is None else self.learnt.to_dict(),

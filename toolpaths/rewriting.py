@@ -176,7 +176,20 @@ def _replacements(program: Program, poses: Poses) -> Edits:
     order = np.argsort(spans[:, 0], kind="stable")
     rows, words, spans = rows[order], words[order], spans[order]
     texts = print_all(program.raw, spans, poses.printed[rows, words], poses.quantum[rows, words])
+    if not program.spaced_words:
+        for place in _held_apart_by_sign(program.raw, spans):
+            if texts[place][:1] not in (b"+", b"-"):
+                texts[place] = b"+" + texts[place]
     return spans[:, 0].tolist(), spans[:, 1].tolist(), texts
+
+
+def _held_apart_by_sign(raw: bytes, spans: NDArray[np.int32]) -> list[int]:
+    """Numbers that follow a letter at once, with a sign between: ``X-1.0`` is a word and its number, ``X1.0`` a name."""
+    buffer = np.frombuffer(raw, dtype=np.uint8)
+    before, first = buffer[np.maximum(spans[:, 0] - 1, 0)] | 0x20, buffer[spans[:, 0]]
+    letter = (before >= ord("a")) & (before <= ord("z"))
+    found: list[int] = np.flatnonzero(letter & ((first == ord("-")) | (first == ord("+")))).tolist()
+    return found
 
 
 def _insertions(program: Program, new_words: list[NewWord]) -> Iterator[tuple[int, bytes, Insertion]]:

@@ -24,6 +24,7 @@ from toolpaths.analytic import SixAxes, six_axes
 from toolpaths.branches import sides_of
 from toolpaths.compensation import Bench
 from toolpaths.postures import along_path, driven, outside_limits, singularity_margin
+from toolpaths.program import Program
 
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
@@ -61,6 +62,15 @@ class Spin:
     kept_mm: Floats
     chosen_mm: Floats
     why: str
+
+    def notes(self, program: Program) -> list[str]:
+        """What was done, and where the turns are if the program does not print them."""
+        hidden = program.convention.axis_only and bool(self.angle_rad.any())
+        where = (
+            ". This program does not say how the tool is turned: whoever makes joint angles of it must turn it so "
+            "(tool_turn_deg of --points, from the least turn that posture_deg begins with)"
+        )
+        return [f"--spin stiffest: {self.why}{where if hidden else ''}"]
 
     def to_dict(self) -> dict[str, object]:
         """For `--json`."""
@@ -188,6 +198,11 @@ def stiffest(ride: Ride) -> Spin:
                 return Spin(none, kept, kept, "the tool was not turned: it would gain less than one percent")
             gain = 100 * (1 - chosen.mean() / kept.mean())
             why = f"the tool was turned by up to {np.degrees(np.abs(angle).max()):.0f} deg: {gain:.0f} % less predicted deflection on average"
+            if not ride.stays().all():
+                why += (
+                    "; the force is stated in the tool's axes and was turned with the tool, so part of the gain may be that it points elsewhere: "
+                    "state a force that comes from the cut in path or workpiece axes"
+                )
             return Spin(
                 angle, kept, chosen, why if sound.all() else f"{why}; as programmed the path leaves limits or reach"
             )

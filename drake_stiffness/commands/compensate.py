@@ -30,6 +30,14 @@ def compensate(
     output: Annotated[
         Path | None, typer.Option("-o", "--output", help="corrected program to write; not needed with --dry-run")
     ] = None,
+    beside: Annotated[
+        list[Path] | None,
+        typer.Option(
+            "--with",
+            metavar="FILE",
+            help="Further file of the program that holds points (RAPID module, KRL .dat); several times if need be.",
+        ),
+    ] = None,
     allow_insert: Annotated[bool, typer.Option(help="Insert words a correction needs and a line lacks.")] = False,
     keep_refused: Annotated[bool, typer.Option(help="Leave motions that cannot be corrected as they are.")] = False,
     linearise: Annotated[
@@ -95,7 +103,7 @@ def compensate(
     if handover is not None and measured is None:
         raise InputError("--handover: there is nothing to hand over without --measured PROBE.csv.")
     use_kinds(kinds)
-    inputs = (program, model, process, *([measured] if measured else []))
+    inputs = (program, model, process, *(beside or ()), *([measured] if measured else []))
     check_outputs(output, json, report, points, scene, handover and handover / "campaign.yaml", inputs=inputs)
     probe = read_probe(measured) if measured else None
     loaded, job = load_model(model), read_process(process)
@@ -105,7 +113,7 @@ def compensate(
         def said(what: str, done: int, total: int) -> None:
             progress(f"{what}: {done} of {total}" if total else f"{what}: {done}")
 
-        in_pieces = linearise is None and spin == "keep" and probe is None and points is None
+        in_pieces = linearise is None and spin == "keep" and probe is None and points is None and not beside
         if in_pieces:
             result = compensate_file(
                 program,
@@ -119,7 +127,7 @@ def compensate(
                 progress=said,
             )
         else:
-            source = read_program(program, dialect)
+            source = read_program(program, dialect, beside or ())
             if linearise is not None:
                 source = linearised(source, linearise)
             result = run(

@@ -68,7 +68,8 @@ def answer(result: Compensation) -> str:
     if np.isfinite(sigma):
         parts.append(
             f"The model itself is uncertain by {h.length(sigma, 2)} (1 sigma). With all that is stated, the residual stays below "
-            f"{h.length(high, 2)} at a point with 95 % probability."
+            f"{h.length(high, 2)} at a point with 95 % probability; that leaves out {', '.join(result.account.interval.lacks)}, so a part "
+            "will show more."
         )
     else:
         parts.append("How uncertain the model itself is, is not known: it carries no statistics.")
@@ -117,6 +118,7 @@ def body(result: Compensation, model: Model, level: int) -> h.Markup:
         _tiles(result),
         h.section("How far off, before and after", *_deviation(result), level=level),
         h.section("What was changed", *_correction(result), level=level),
+        *([] if result.spin is None else [h.section("Turning the tool about its axis", *_spin(result), level=level)]),
         trust_sections(result, level),
         h.section("How much of this to believe", *limits(result, model), level=level),
         _lines(result, level),
@@ -172,7 +174,9 @@ def _deviation(result: Compensation) -> list[h.Markup]:
 
 
 def _correction(result: Compensation) -> list[h.Markup]:
-    picture, view = plots.top_view_figure(result.target_mm, result.correction_mm)
+    picture, view = plots.top_view_figure(
+        result.target_mm, result.correction_mm, np.isnan(result.account.evenness.spacing_mm)
+    )
     s = plots.path_mm(result.target_mm)
     largest = np.abs(result.correction_mm).max(axis=0)
     mean = result.correction_mm.mean(axis=0)
@@ -206,6 +210,27 @@ def _correction(result: Compensation) -> list[h.Markup]:
             f"The largest correction is on line {int(result.line[at])}, at ({where}) mm. Half a printed digit is "
             f"{result.quantum_mm:g} mm beside components of up to {h.number(float(largest.max()))} mm."
         ),
+    ]
+
+
+def _spin(result: Compensation) -> list[h.Markup]:
+    """What `--spin stiffest` did and what it buys."""
+    spin = result.spin
+    assert spin is not None
+    rows = [
+        (label, h.number(float(values.mean())), h.number(float(values.max())))
+        for label, values in (("as programmed", spin.kept_mm), ("as turned", spin.chosen_mm))
+    ]
+    picture = plots.spin_figure(plots.path_mm(result.target_mm), spin.kept_mm, spin.chosen_mm, spin.angle_rad)
+    return [
+        h.paragraph(f"{spin.why[:1].upper()}{spin.why[1:]}."),
+        h.figure(
+            picture,
+            "Above: deflection by the process force before any correction, with the tool as programmed and as turned (linear). Below: the "
+            "turn about the tool's own axis, which the cut does not feel.",
+            "Deflection along the path as programmed and as turned, and the turn",
+        ),
+        h.table(("predicted deflection, mm", "mean", "largest"), rows, align="lrr"),
     ]
 
 

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from drake_stiffness.report import figures as f
 
 Floats = f.Floats
+Bools = NDArray[np.bool_]
 
 _ARROWS = 45
 
@@ -102,8 +103,27 @@ def correction_figure(s_mm: Floats, correction_mm: Floats, force_N: Floats) -> s
     return f.uri(made, many=s_mm.size > f.MANY)
 
 
-def top_view_figure(target_mm: Floats, correction_mm: Floats) -> tuple[str, str]:
+def spin_figure(s_mm: Floats, kept_mm: Floats, chosen_mm: Floats, angle_rad: Floats) -> str:
+    """Deflection with the tool as programmed and as turned about its axis, and the turn."""
+    made, (top, bottom) = f.new(4.6, 2, 1, sharex=True)
+    f.line(top, s_mm, kept_mm, f.SERIES[1], "as programmed")
+    f.line(top, s_mm, chosen_mm, f.SERIES[2], "as turned")
+    f.line(bottom, s_mm, np.degrees(angle_rad), f.INK, "turn")
+    top.set_ylim(bottom=0.0)
+    top.set_ylabel("deflection, mm")
+    bottom.set_ylabel("turn of the tool, deg")
+    f.legend(top)
+    _along(bottom)
+    return f.uri(made, many=s_mm.size > f.MANY)
+
+
+def top_view_figure(target_mm: Floats, correction_mm: Floats, begin: Bools) -> tuple[str, str]:
     """The path in the plane it mostly lies in, coloured by the correction, with arrows.
+
+    Parameters
+    ----------
+    begin : (N,)
+        Where a cut begins: nothing is drawn on the way to it.
 
     Returns
     -------
@@ -115,9 +135,11 @@ def top_view_figure(target_mm: Floats, correction_mm: Floats) -> tuple[str, str]
     size = np.linalg.norm(correction_mm, axis=1)
     p = target_mm[:, [across, up]]
     made, ax = f.new(6.2, width=8.6)
-    if p.shape[0] > 1:
-        colours = LineCollection(list(np.stack([p[:-1], p[1:]], axis=1)), cmap="viridis", linewidths=2.0)
-        colours.set_array((size[:-1] + size[1:]) / 2)
+    along = ~begin[1:]
+    if along.any():
+        steps = np.stack([p[:-1], p[1:]], axis=1)[along]
+        colours = LineCollection(list(steps), cmap="viridis", linewidths=2.0)
+        colours.set_array(((size[:-1] + size[1:]) / 2)[along])
         bar = made.colorbar(ax.add_collection(colours), ax=ax, shrink=0.85)
         bar.set_label("size of the correction, mm", fontsize=11)
     else:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from html import escape
 from pathlib import PurePath
 from typing import TYPE_CHECKING
@@ -22,6 +23,21 @@ _WANTED = (0.55, 0.6, 0.66)
 # From nothing (blue) to the largest deviation (red): Okabe and Ito's colours.
 _SCALE = np.array([[0.0, 0.45, 0.7], [0.0, 0.62, 0.45], [0.94, 0.89, 0.26], [0.84, 0.37, 0.0]])
 _STEPS, _ARROWS = 800, 60
+# Where the viewer stands, seen from what is looked at.
+_FROM = np.array([0.6, -0.9, 0.6])
+# Meshcat's camera lives in a frame whose y points up.
+_LOOK = """<script>
+function look(at) {
+  const up = (p) => [p[0], p[2], -p[1]];
+  const path = "/Cameras/default/rotated/<object>";
+  viewer.handle_command({type: "set_property", path: path, property: "position", value: up(views[at][0])});
+  viewer.handle_command({type: "set_target", value: up(views[at][1])});
+  // From near by the arm, drawn for its own size, would hide the path.
+  viewer.handle_command({type: "set_property", path: "/arm", property: "visible", value: at == "arm"});
+}
+// The scene itself arrives a little after the page, and places the viewer anew.
+addEventListener("load", () => setTimeout(() => { if (location.hash.slice(1) in views) look(location.hash.slice(1)); }, 1000));
+</script>"""
 
 
 def scene_html(result: Compensation, model: Model) -> str:
@@ -68,12 +84,14 @@ def scene_html(result: Compensation, model: Model) -> str:
     arrows = [arrow(wanted[i], factor * correction[i], radius) for i in some if np.linalg.norm(correction[i]) > 0]
     _plain(viewer, "/correction", together(arrows), _ARROW)
     # Near enough to see the path, far enough to see the arm over it.
+    centre = (wanted.max(axis=0) + wanted.min(axis=0)) / 2
     middle = 0.5 * wanted.mean(axis=0) + 0.5 * (chain.max(axis=0) + chain.min(axis=0)) / 2
-    viewer.SetCameraPose(middle + (0.65 * size + extent) * np.array([0.6, -0.9, 0.6]), middle)
+    views = {"arm": (middle + (0.65 * size + extent) * _FROM, middle), "path": (centre + 1.1 * extent * _FROM, centre)}
+    viewer.SetCameraPose(*views["arm"])
     viewer.SetProperty("/Axes", "visible", False)
     for end in ("top_color", "bottom_color"):
         viewer.SetProperty("/Background", end, [0.96, 0.97, 0.98])
-    return _with_legend(str(viewer.StaticHtml()), result, factor)
+    return _with_legend(str(viewer.StaticHtml()), result, factor, views)
 
 
 def _plain(viewer: object, name: str, mesh: Mesh, colour: tuple[float, float, float]) -> None:
@@ -109,8 +127,8 @@ def _round_down(factor: float) -> float:
     return float(power * max(k for k in (1.0, 2.0, 5.0) if k * power <= factor * (1 + 1e-9)))
 
 
-def _with_legend(page: str, result: Compensation, factor: float) -> str:
-    """The page with a title and a legend over the picture."""
+def _with_legend(page: str, result: Compensation, factor: float, views: dict[str, tuple[Array, Array]]) -> str:
+    """The page with a title, a legend over the picture, and buttons to look at arm or path (also ``#path`` behind its address)."""
     name = escape(PurePath(result.program.path).name)
     stops = ", ".join(f"rgb({', '.join(f'{255 * v:.0f}' for v in colour)})" for colour in _SCALE)
     largest = float(result.before_mm.max(initial=0.0))
@@ -121,7 +139,11 @@ def _with_legend(page: str, result: Compensation, factor: float) -> str:
         "with correction. Arrows: what the program is moved by."
         f'<div style="height:12px;margin:6px 0 2px;background:linear-gradient(90deg,{stops})"></div>'
         f'<span>0</span><span style="float:right">{largest:.3g} mm</span><br>predicted deviation: mean {result.before_mm.mean():.3g} mm '
-        f"without, {result.after_mm.mean():.2g} mm with correction</div>"
+        f"without, {result.after_mm.mean():.2g} mm with correction<br>Look at "
+        + " ".join(f"<button onclick=\"look('{name}')\">the {name}</button>" for name in views)
+        + ", drag to turn, wheel to zoom</div>"
     )
+    places = {name: [np.round(end, 4).tolist() for end in ends] for name, ends in views.items()}
+    legend += f"<script>const views = {json.dumps(places)};</script>{_LOOK}"
     page = page.replace("<title>Drake MeshCat</title>", f"<title>Compensation of {name}</title>")
     return page.replace("<body>", f"<body>{legend}", 1)

@@ -10,6 +10,7 @@ from drake_stiffness.report import compensation_plots as plots
 from drake_stiffness.report import page as h
 
 if TYPE_CHECKING:
+    from toolpaths.account.blending import Blending
     from toolpaths.result import Compensation
 
 _CONTROLLER = {
@@ -103,10 +104,10 @@ def _causes(result: Compensation) -> list[h.Markup]:
 
 
 def _evenness(result: Compensation) -> list[h.Markup]:
-    e, r, line = result.account.evenness, result.account.reserve, result.line
+    e, b, r, line = result.account.evenness, result.account.blending, result.account.reserve, result.line
     d = e.to_dict(line)
     kinks = [str(k) for k in line[e.kinks].tolist()]
-    blended = e.blended_over
+    blended, (low, high) = b.overlapping, b.limits_mm
     rows = [
         (
             "largest change of the correction, mm per mm of path",
@@ -122,7 +123,17 @@ def _evenness(result: Compensation) -> list[h.Markup]:
             if blended > 0
             else ""
             if blended == 0
-            else "blend radius not stated",
+            else "neither program nor process.yaml says a blend radius",
+        ),
+        (
+            "blend radius, mm",
+            h.UNKNOWN if np.isnan(high) else h.number(high) if low == high else f"{h.number(low)} to {h.number(high)}",
+            _blend_source(b),
+        ),
+        (
+            "change of the correction within one blend, mm, at most",
+            h.number(b.within_mm) if np.isfinite(b.within_mm) else h.UNKNOWN,
+            "so much of it may be rounded away" if b.within_mm > 0 else "",
         ),
         (
             "nearest joint limit once corrected",
@@ -147,6 +158,18 @@ def _evenness(result: Compensation) -> list[h.Markup]:
     return parts
 
 
+def _blend_source(blending: Blending) -> str:
+    """Who says the blend radius."""
+    if np.isfinite(blending.stated_mm):
+        return "as stated in process.yaml"
+    if blending.all_said:
+        return "said by the program at every point"
+    own = np.isfinite(blending.said_mm).mean()
+    said = [f"said by the program at {100 * own:.0f} % of the points"] if own else []
+    said += [f"depends on speed at {100 * blending.by_speed:.0f} %"] if blending.by_speed else []
+    return "; ".join(said)
+
+
 def _controller(result: Compensation) -> list[h.Markup]:
     stated = result.process.controller.model_dump()
     words = {True: "yes", False: "no", None: "not stated"}
@@ -154,10 +177,13 @@ def _controller(result: Compensation) -> list[h.Markup]:
         (text, words[stated[key]] if isinstance(stated[key], bool) or stated[key] is None else f"{stated[key]:g}")
         for key, text in _CONTROLLER.items()
     ]
+    low, high = result.account.blending.limits_mm
+    if stated["blend_radius_mm"] is None and np.isfinite(high):
+        rows[-1] = (rows[-1][0], f"not stated; the program says {low:g} to {high:g}")
     return [
         h.table(("as stated in process.yaml (controller)", ""), rows),
         h.paragraph(
-            "Nothing of this is in the program, and each decides whether a correction of tenths of a millimetre lands: a wrong load moves the "
+            "Hardly any of this is in the program, and each decides whether a correction of tenths of a millimetre lands: a wrong load moves the "
             "controller's own sag model, a wrong TCP every oriented point, and blending rounds over points that lie close."
         ),
     ]

@@ -157,7 +157,9 @@ def test_no_page_says_nan(pages, kind):
 
 def test_equal_input_gives_equal_pictures(compensated, identified):
     for draw in (
-        lambda: top_view_figure(compensated.target_mm, compensated.correction_mm)[0],
+        lambda: top_view_figure(
+            compensated.target_mm, compensated.correction_mm, np.isnan(compensated.account.evenness.spacing_mm)
+        )[0],
         lambda: load_figure(evidence(identified)),
     ):
         assert draw() == draw()

@@ -12,6 +12,7 @@ import pytest
 from drake_stiffness.errors import InputError, UntrustworthyError
 from drake_stiffness.model import Statistics
 from toolpaths import job
+from toolpaths.account.blending import Blending
 from toolpaths.account.evenness import evenness
 from toolpaths.account.points_table import COLUMNS, points_csv
 from toolpaths.account.residual import length_interval
@@ -185,11 +186,43 @@ def test_a_step_of_the_correction_is_a_kink_and_printing_is_none():
     target = np.array([[0.0, 0, 0], [1, 0, 0], [2, 0, 0], [3, 0, 0], [3, 0, 0]])
     correction = np.array([[0.1, 0, 0], [0.101, 0, 0], [0.25, 0, 0], [0.25, 0, 0], [0.25, 0, 0]])
     begin = np.array([True, False, False, False, False])
-    found = evenness(target, correction, begin, np.full(5, 0.0005), float("nan"))
+    found = evenness(target, correction, begin, np.full(5, 0.0005))
     assert found.kinks.tolist() == [2]
     assert np.isnan(found.change_per_mm[0])
     assert found.change_per_mm[1] == 0.0
     assert any("line 12" in note for note in found.notes(np.arange(10, 15)))
+
+
+def test_blends_of_the_program_are_held_against_its_steps():
+    spacing, change = np.array([np.nan, 1.0, 10.0, 10.0, 1.0]), np.array([np.nan, 0.01, 0.02, 0.0, 0.0])
+    said = np.array([0.0, 0.6, 0.6, np.inf, np.nan])
+    own = Blending(said, float("nan"), spacing, change)
+    # Steps whose two blends are known: 0 + 0.6 of 1 mm, 0.6 + 0.6 of 10 mm.
+    assert own.overlapping == 0.0
+    assert own.within_mm == pytest.approx(0.012)
+    assert own.limits_mm == (0.0, 0.6)
+    (note,) = own.notes()
+    assert "20 % of the points the blend depends on speed" in note
+    stated = Blending(said, 4.0, spacing, change)
+    np.testing.assert_array_equal(stated.radius_mm, np.full(5, 4.0))
+    assert stated.overlapping == 0.5
+    told = " ".join(stated.notes())
+    assert "50 % of the steps are shorter than twice the blend radius of 4 mm" in told
+    assert "the program itself says blend radii of 0 to 0.6 mm" in told
+
+
+def test_a_blend_that_the_program_says_is_repeated_and_used(known, process, tools):
+    program = tools.program(
+        "$APO.CDIS = 0.5",
+        *(f"LIN {{X {x}.000,Y 50.000,Z 0.000,A 0.000,B 0.000,C 180.000}} C_DIS" for x in range(60, 66)),
+    )
+    result = job.compensate(program, known, process)
+    even = result.to_dict()["evenness"]
+    assert even["smallest_blend_radius_mm"] == even["largest_blend_radius_mm"] == 0.5
+    assert even["share_of_points_whose_blend_the_program_says"] == 1.0
+    assert even["share_of_steps_shorter_than_two_blend_radii"] == 0.0
+    (controller,) = [note for note in result.notes if "`controller`" in note]
+    assert "does it blend as the program says, 0.5 mm (blend_radius_mm)" in controller
 
 
 def test_a_force_that_jumps_along_the_path_is_flagged_as_a_kink(short, known, process, tmp_path):

@@ -99,6 +99,8 @@ def test_feeds_units_and_their_modal_words():
         (b"ROTABL/45\n" + WHOLE, [3], "ROTABL"),
         (b"COPY/1,TRANSL,1,0,0,3\n" + WHOLE, [3], "COPY"),
         (b"MSYS/1,0,0,1,0,0,0,1,0\n" + WHOLE, [3], "another coordinate system"),
+        (b"CSYS/1.,0,0,-59.5,0,1.,0,-59.5,0,0,1.,19.\n" + WHOLE, [3], "another coordinate system"),
+        (b"SETUP/END,1\nSETUP/START,2\n" + WHOLE, [4], "another coordinate system or clamping since line 3"),
         (b"PSIS/PL1\nTLLFT,GOFWD/C1,PAST,L2\n", [1, 3], "starts here"),
         (b"HELIX/1,2\n", [2], "HELIX"),
         (b"REMARK two\n   GOTO/1,2,3\n", [3], "text or motion"),

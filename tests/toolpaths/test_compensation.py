@@ -301,6 +301,18 @@ def test_zero_force_leaves_every_byte(pocket, model, tools):
     assert not result.correction_mm.any()
 
 
+def test_zero_force_leaves_more_digits_than_arithmetic_holds(model, tools):
+    """Way to the world and back rounds the sixteenth digit; the numbers must come back all the same."""
+    program = tools.program(
+        "LIN {X 104.00001250997277,Y 56.000008940645538,Z 1.4999959259060056,A 3.00011479342827952,B -6,C 164}",
+        "LIN {X 103.99999844478253,Y 55.999984880467149,Z 0.00000000000000000000012,A 3.0002,B -6,C 164.00001234567890123}",
+    )
+    workpiece = {"position_m": [1.6543, -0.1021, 0.7501], "rpy_deg": [0.37, -1.21, 4.73]}
+    result = run(program, model, tools.process(workpiece=workpiece, force=tools.constant("tool")))
+    assert result.raw == program.raw
+    assert not result.correction_mm.any()
+
+
 def test_a_corrected_program_is_met_by_the_loaded_tool(pocket, model, tools):
     """Read back by nothing but its numbers: inverse kinematics, load, and the tool is where the original program says."""
     process = tools.process()

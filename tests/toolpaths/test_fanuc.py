@@ -53,6 +53,13 @@ def test_spelling_does_not_change_a_motion(motion):
     assert program.feed_mm_per_min == [6000.0]
 
 
+def test_fine_stops_cnt_blends_by_speed_and_cr_by_a_distance():
+    ends = ["FINE", "CNT0", "CNT50 ACC80", "CNT R[3]", "CR20", "CD 5mm PTH", "ACC100"]
+    program = parse([f"  {n}:L P[1] 100mm/sec {end} ;" for n, end in enumerate(ends, 1)], [point(1)])
+    assert not program.refusals
+    np.testing.assert_array_equal(program.blend_mm, [0.0, 0.0, np.inf, np.inf, 20.0, 5.0, np.nan])
+
+
 def test_ordinary_lines_read_the_same_by_the_general_reader(monkeypatch):
     points = [point(n, x=f"{n}.5", config=f"{'NF'[n % 2]} U T, 0, 0, 0") for n in range(1, 9)]
     motions = [f"  {n}:{'JL'[n % 2]} P[{n}] {n}0{'%' if n % 2 == 0 else 'mm/sec'} CNT{n} ;" for n in range(1, 9)]

@@ -131,6 +131,7 @@ def test_the_zero_point_belongs_to_the_control():
         (b"G0 G1 X1\n", [2], "two kinds"),
         (b"G5 X1 Y1 I0 J3\n", [2], "G5"),
         (b"TRANS X10\nX1 Y1 Z1\n", [2, 3], "literal number"),
+        (b"G1 X1 Y1 Z1 A3=0.3 B3=0 C3=0.954\nX1 Y1 Z1\n", [2, 3], "literal number"),
         (b"CYCLE832(0.05,1,1)\nX1 Y1 Z1\n", [], ""),
         (b"CYCLE81(5,0,2)\n", [2], "'CYCLE81"),
         (b"X1\r X2\n", [2], ""),

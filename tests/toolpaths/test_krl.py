@@ -73,7 +73,7 @@ def test_ordinary_lines_read_the_same_by_the_general_reader(monkeypatch):
         b"PTP {X 9.5,Y 0,Z 3.25,A -0.0,B +7.5,C .5,E1 4.5} C_DIS ;1\r\n",
         b"lin {X 9.5,Y 0,Z 3.25,A -0.0,B +7.5,C .5,E1 4.5} C_DIS ;1\r\n",
         b"LIN {X 9.5,Y 0,Z ,A 3.25 -0.0,B +7.5,C .5,E1 4.5} C_DIS ;1\r\n",
-        b"$VEL.CP=0.5\r\n",
+        b"$VEL.CP=0.5\r\n$APO.CDIS=0.4\r\n",
         b"",
     ],
 )
@@ -90,7 +90,7 @@ def test_many_lines_read_at_once_are_the_lines_one_by_one(monkeypatch, odd):
     slow = parse(raw)
     for name in ("line", "kind", "role", "position_mm", "orientation", "external", "span", "source", "body", "refused"):
         np.testing.assert_array_equal(getattr(quick, name), getattr(slow, name), err_msg=name)
-    for name in ("carries_force", "follows", "feed_mm_per_min", "status"):
+    for name in ("carries_force", "follows", "feed_mm_per_min", "blend_mm", "status"):
         np.testing.assert_array_equal(getattr(quick, name), getattr(slow, name), err_msg=name)
     assert quick.refusals == slow.refusals
     assert quick.notes == slow.notes
@@ -427,3 +427,11 @@ def test_files_of_other_kinds_are_no_krl():
             continue
         with pytest.raises(InputError):
             read_program(path, dialect="krl")
+
+
+def test_a_number_that_its_sign_alone_holds_apart_from_its_word_keeps_a_sign():
+    """``Z-0.1`` is a word and a number; ``Z0.27`` would be a name, and the program another one."""
+    program = parse(b"LIN {X-0.100,Y -0.100,Z-5.000,A 0.0,B 0.0,C+1.0}\n")
+    out = rewrite(program, program.position_mm + 0.37, program.orientation - 2.0, np.ones(1, bool))
+    assert out.raw == b"LIN {X+0.270,Y 0.270,Z-4.630,A -2.0,B -2.0,C-1.0}\n"
+    np.testing.assert_allclose(parse(out.raw).position_mm, program.position_mm + 0.37)

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from toolpaths.formats import naming_notes, read_again, read_program
+from toolpaths.formats import naming_notes, paths_beside, read_again, read_program
 from toolpaths.formats.krl import Krl
 from toolpaths.rewriting import rewrite
 
@@ -128,6 +128,23 @@ def test_a_plain_for_is_the_motions_it_stands_for():
     assert struct.refusals == ()
 
 
+def test_a_call_in_a_for_whose_counter_is_its_own_changes_no_point():
+    loop = b"DEF main( )\n%s\nFOR i=1 TO 2\n%s\nLIN gsMill[i].fCNC C_VEL\nENDFOR\nEND\n"
+    program = parse(loop % (b"DECL INT i", b"ChangeSpeed(gsMill[i].grfeedrate)"))
+    assert program.refusals == ()
+    np.testing.assert_array_equal(program.position_mm[:, 0], [1, 2])
+    assert not program.follows.any()  # the call may move the arm
+    for declared, call in [
+        (b"", b"sub(2)"),
+        (b"INT i", b"sub(i)"),
+        (b"INT i", b"sub(2) WAIT SEC 1"),
+        (b"INT j", b"f()"),
+    ]:
+        assert len(parse(loop % (declared, call)).refusals) == 1
+    # The point itself handed over may be changed by what is called.
+    assert len(parse(loop % (b"INT i", b"sub(gsMill[i].fCNC)")).refusals) == 2
+
+
 @pytest.mark.parametrize(
     "body",
     [
@@ -160,6 +177,16 @@ def test_feeds_are_read_in_metres_a_second():
     np.testing.assert_allclose(parse(source).feed_mm_per_min, [np.nan, 3000, 6000, 30000, 120000, np.nan, np.nan])
 
 
+def test_blends_are_read_as_c_dis_means_them_there():
+    text = (
+        b"%s\n$APO.CDIS = 0.5\n%s\n%s C_DIS\n%s C_VEL\n$APO = {CVEL 50,CDIS 2,CORI 5}\n%s C_DIS ; 7\nS%s WITH $APO.CDIS = 1.25 C_SPL\n"
+        b"LDAT_ACT = LCPDAT1\nFDAT_ACT=FX\nBAS(#CP_PARAMS,0.5)\nLIN XP4 C_DIS\nsub()\n%s C_DIS\n"
+    ).replace(b"%s", FULL.strip())
+    dat = DAT + b"DECL LDAT LCPDAT1={VEL 0.5,ACC 100.0,APO_DIST 3.0,APO_FAC 50.0}\n"
+    program = parse(text, dat)
+    np.testing.assert_array_equal(program.blend_mm, [0.0, 0.0, 0.5, np.inf, 2.0, 1.25, 3.0, np.nan])
+
+
 def test_status_counts_where_the_controller_heeds_it():
     source = b"PTP {X 1,Y 2,Z 3,A 0,B 0,C 0,S 6,T 2}\nPTP {X 1,S 'B001'}\nLIN {X 2,S 2,T 3}\nPTP XP4\nPTP {Z 1}\n"
     program = parse(source)
@@ -179,6 +206,21 @@ def test_base_and_tool_come_from_the_data_of_the_inline_form():
     assert np.allclose(program.feed_mm_per_min[1:], 30000)
     standing = parse(source, DAT.replace(b"#BASE", b"#TCP"))
     assert standing.refusals[0].fatal
+
+
+def test_frames_that_the_program_writes_into_the_table_are_its_own_literals():
+    table = b"BASE_DATA[6]={X 100,Y 0,Z 0,A 0,B 0,C 0}\n"
+    for select in (b"BAS(#BASE,6)\n", b"$BASE=BASE_DATA[6]\n"):
+        (frame,) = parse(table + select + FULL).frames
+        assert (frame.origin, frame.pose) == ("literal", (100.0, 0.0, 0.0, 0.0, 0.0, 0.0))
+        assert parse(table + select.replace(b"6", b"5") + FULL).frames[0].origin == "controller"
+        for write in (b"BASE_DATA[6].X=100\n", b"BASE_DATA[i]=f(1)\n", b"BASE_DATA[6]=BASE_DATA[7]\n"):
+            assert parse(table + write + select + FULL).frames[0].origin == "expression"
+    form = b"FDAT_ACT=FP9\nBAS(#CP_PARAMS,0.5)\nLIN XP4\n"
+    data = DAT + b"DECL FDAT FP9={TOOL_NO 1,BASE_NO 6,IPO_FRAME #BASE}\n"
+    frames = {frame.what: frame.origin for frame in parse(table + form, data).frames}
+    assert frames == {"base": "literal", "tool": "controller"}
+    assert parse(b"BAS(#EX_BASE,1)\n" + FULL).frames[0].origin == "expression"
 
 
 def test_frames_of_one_segment_end_with_it():
@@ -206,6 +248,16 @@ def test_a_module_that_is_written_under_another_name_is_said():
     (note,) = naming_notes(program, Path("out/corrected.src"))
     assert "'PART'" in note
     assert "corrected.dat" in note
+
+
+def test_a_dat_of_another_name_is_given_and_goes_beside_the_output_under_its_own(tmp_path):
+    (tmp_path / "part.src").write_bytes(b"DEF part()\nLIN XP4\nEND\n")
+    (tmp_path / "part.dat").write_bytes(b"DEFDAT PART\nENDDAT\n")
+    (tmp_path / "points.dat").write_bytes(DAT.replace(b"DEFDAT PART", b"DEFDAT POINTS PUBLIC"))
+    program = read_program(tmp_path / "part.src", beside=[tmp_path / "points.dat"])
+    assert program.refusals == ()
+    assert [path.name for path in paths_beside(program, Path("new.src"))] == ["new.dat", "new_points.dat"]
+    assert sum("points" in note.lower() for note in naming_notes(program, Path("new.src"))) == 1
 
 
 @st.composite

@@ -77,6 +77,7 @@ def test_pieces_hold_every_byte_and_every_row_once(program):
         "carries_force",
         "refused",
         "feed_mm_per_min",
+        "blend_mm",
         "status",
         "position_mm",
         "orientation",

@@ -55,7 +55,18 @@ def test_ordinary_statements_read_the_same_by_the_general_reader(monkeypatch):
     for name in ("MOVE_LITERAL", "MOVE_NAMED"):
         monkeypatch.setattr(rapid.words, name, rapid.re.compile(b"(?!)"))
     general = parse(*lines)
-    for name in ("line", "kind", "pose", "external", "status", "span", "source", "refused", "carries_force"):
+    for name in (
+        "line",
+        "kind",
+        "pose",
+        "external",
+        "status",
+        "span",
+        "source",
+        "refused",
+        "carries_force",
+        "blend_mm",
+    ):
         np.testing.assert_array_equal(getattr(quick, name), getattr(general, name), err_msg=name)
     assert quick.frames == general.frames
 
@@ -72,6 +83,7 @@ def test_ordinary_statements_read_the_same_by_the_general_reader(monkeypatch):
         ("MoveL [[1,2,3],[0,0,0,0],[0,0,0,0],[9E9,9E9,9E9,9E9,9E9,9E9]],v100,z5,t;", "length zero"),
         ("MoveL [[1,2],[0,1,0,0],[0,0,0,0],[9E9,9E9,9E9,9E9,9E9,9E9]],v100,z5,t;", "not a literal robtarget"),
         (f"MoveL {T1},v100;", "2 arguments"),
+        (f"MoveL {T1},v100,z1,tMill\\WObj:=block\\Corr;", "added to this motion"),
         ("SearchL di1, sp, p10, v100, t;", "SearchL"),
         (f"PDispOn \\Rot, p10, tMill;\nMoveL {T1}{TAIL}", "displaced"),
         (
@@ -133,6 +145,29 @@ def test_confdata_says_the_branch_only_while_it_is_supervised():
 def test_speeds_are_millimetres_a_second(speed, mm_per_min):
     program = parse("VAR speeddata cut:=[12,500,5000,1000];", f"MoveL {T1},{speed},z1,tMill;")
     np.testing.assert_array_equal(program.feed_mm_per_min, [mm_per_min])
+
+
+@pytest.mark.parametrize(
+    ("zone", "mm"),
+    [
+        ("fine", 0.0),
+        ("z0", 0.3),
+        ("Z5", 5.0),
+        ("z1\\Z:=0.7\\Inpos:=inpos50", 0.7),
+        ("fine\\Inpos:=inpos50", 0.0),
+        ("zMine", 0.8),
+        ("zStop", 0.0),
+        ("z3", np.nan),
+    ],
+)
+def test_zones_are_the_tool_s_radius(zone, mm):
+    program = parse(
+        "VAR zonedata zMine:=[FALSE,0.8,1,1,0.1,1,0.1];",
+        "CONST zonedata zStop := [ TRUE, 5,1,1,0.1,1,0.1];",
+        f"MoveL {T1},v100,{zone},tMill\\WObj:=block;",
+        f"MoveC {T1},{T2},v100,{zone},tMill\\WObj:=block;",
+    )
+    np.testing.assert_array_equal(program.blend_mm, [mm, 0.0, mm])
 
 
 def test_both_poses_of_an_arc_are_targets():

@@ -6,13 +6,16 @@ import numpy as np
 import pytest
 
 from drake_stiffness.errors import InputError
+from drake_stiffness.report.compensation import body
+from toolpaths.account.points_table import points_csv
+from toolpaths.formats.apt import Apt
 from toolpaths.formats.krl import Krl
 from toolpaths.formats.waypoints_csv import WaypointsCsv
 from toolpaths.job import compensate
 from toolpaths.loaded_path import about, loaded_path, targets
 from toolpaths.postures import outside_limits, singularity_margin
 from toolpaths.process import Process, posture
-from toolpaths.spin import Ride
+from toolpaths.spin import Ride, Spin
 
 
 def silent(*_) -> None:
@@ -24,7 +27,7 @@ def process(**force) -> Process:
         {
             "workpiece": {"position_m": [1.65, -0.10, 0.75]},
             "posture_deg": [0, -70, 120, 0, -50, 0],
-            "force": {"constant": {**force, "frame": "workpiece"}},
+            "force": {"constant": {"frame": "workpiece", **force}},
         }
     )
 
@@ -89,6 +92,19 @@ def test_the_printed_program_has_the_turn_and_only_the_turn(model, cut, ridden):
     assert apart < 5e-3  # the correction itself turns the tool by its small deflection
     assert result.after_mm.max() < 2 * result.quantum_mm + 1e-3
     assert result.to_dict()["spin"]["largest_turn_deg"] > 10
+    # What it buys is said, shown, and listed point by point.
+    assert any(note.startswith("--spin stiffest: the tool was turned by") for note in result.notes)
+    assert "Turning the tool about its axis" in str(body(result, model, level=2))
+    header, first = points_csv(result).splitlines()[:2]
+    turn = float(first.split(",")[header.split(",").index("tool_turn_deg")])
+    assert turn == pytest.approx(np.degrees(turned.spin.angle_rad[0]), rel=1e-5)
+
+
+def test_a_program_of_the_tool_s_axis_alone_is_told_where_its_turns_are():
+    program = Apt().parse(b"GOTO/1,2,3,0,0,1\n", "cut.apt")
+    spin = Spin(np.array([0.3]), np.ones(1), np.full(1, 0.5), "the tool was turned")
+    assert "tool_turn_deg" in spin.notes(program)[0]
+    assert "tool_turn_deg" not in Spin(np.zeros(1), np.ones(1), np.ones(1), "not turned").notes(program)[0]
 
 
 def test_a_program_without_orientations_cannot_be_turned(model, cut):
@@ -103,3 +119,10 @@ def test_where_turning_gains_nothing_the_tool_stays(model, cut, ridden):
     turned = loaded_path(program, model, process(), silent, "stiffest")
     assert not turned.spin.angle_rad.any()
     assert "it would gain less than one percent" in turned.spin.why
+
+
+def test_a_force_that_turns_with_the_tool_is_doubted(model, cut, ridden):
+    program, _, turned = ridden
+    assert "tool's axes" not in turned.spin.why
+    tied = process(fx_N=240.0, fy_N=180.0, fz_N=-400.0, frame="tool")
+    assert "the force is stated in the tool's axes" in loaded_path(program, model, tied, silent, "stiffest").spin.why

@@ -43,12 +43,37 @@ def test_spelling_does_not_change_a_pose(text):
     assert program.carries_force.all()
 
 
+def test_blend_radii_are_read_where_each_call_has_them():
+    lines = [
+        f"movel({P1}, a=1, v=0.1, r=0.001)",
+        f"movel({P1}, 1, 0.1, 0, 0.0025)",
+        f"movep({P1}, 1, 0.1, 0.004)",
+        f"movec({P1}, {P2}, 1, 0.1, 0.003)",
+        f"movel({P1}, 1, 0.1)",
+        f"movel({P1}, 1, 0.1, r=2*rad)",
+    ]
+    program = parse(*lines)
+    np.testing.assert_allclose(program.blend_mm, [1.0, 2.5, 4.0, 0.0, 3.0, 0.0, np.nan])
+    np.testing.assert_allclose(program.feed_mm_per_min, 6000.0)
+
+
 def test_ordinary_lines_read_the_same_by_the_general_reader(monkeypatch):
     lines = [f"  move{'ljp'[n % 3]}(p[0.{n}, {n}, -0.5,0,0,{n}e-1], a=1, v=0.{n}, r=0)" for n in range(9)]
     quick = parse(*lines)
     monkeypatch.setattr(urscript, "ORDINARY", urscript.re.compile(b"(?!)"))
     general = parse(*lines)
-    for name in ("line", "kind", "pose", "span", "source", "refused", "carries_force", "feed_mm_per_min", "follows"):
+    for name in (
+        "line",
+        "kind",
+        "pose",
+        "span",
+        "source",
+        "refused",
+        "carries_force",
+        "feed_mm_per_min",
+        "blend_mm",
+        "follows",
+    ):
         np.testing.assert_array_equal(getattr(quick, name), getattr(general, name), err_msg=name)
 
 

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from drake_stiffness.effects.compliance import LinkCompliance
 from drake_stiffness.model import Model
+from toolpaths.account.blending import Blending
 from toolpaths.account.causes import Causes, causes_of
 from toolpaths.account.evenness import Evenness, Reserve, evenness, reserve
 from toolpaths.account.residual import Interval, residual_interval
@@ -29,6 +30,7 @@ class Account:
         Predicted residual of every point with its 95 % interval.
     causes : Causes
     evenness : Evenness
+    blending : Blending
     reserve : Reserve
     turning : Turning
         Where backlash jumps and friction turns round.
@@ -41,6 +43,7 @@ class Account:
     interval: Interval
     causes: Causes
     evenness: Evenness
+    blending: Blending
     reserve: Reserve
     turning: Turning
     relative_sigma: Floats
@@ -116,17 +119,16 @@ def account_of(
         measured_sigma,
         sag=process.reference == "rigid",
     )
-    blend = process.controller.blend_radius_mm
+    even = evenness(program.position_mm[rows], correction_mm, begin, quantum_mm(program)[rows])
+    stated = process.controller.blend_radius_mm
+    blending = Blending(
+        program.blend_mm[rows], float("nan") if stated is None else stated, even.spacing_mm, even.change_per_mm
+    )
     return Account(
         interval=interval,
         causes=causes,
-        evenness=evenness(
-            program.position_mm[rows],
-            correction_mm,
-            begin,
-            quantum_mm(program)[rows],
-            float("nan") if blend is None else blend,
-        ),
+        evenness=even,
+        blending=blending,
         reserve=reserve(model.arm, q, program.line[rows].astype(int)),
         turning=turning,
         relative_sigma=sigma,

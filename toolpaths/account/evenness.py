@@ -31,27 +31,16 @@ class Evenness:
         Change of the correction since the point before, less what printing may do, per mm of that distance; NaN as above.
     bound : float
         What counts as a kink.
-    blend_radius_mm : float
-        As stated; NaN where not.
     """
 
     spacing_mm: Floats
     change_per_mm: Floats
     bound: float
-    blend_radius_mm: float
 
     @property
     def kinks(self) -> Ints:
         """Points at which the correction bends the path by more than the bound."""
         return np.flatnonzero(np.nan_to_num(self.change_per_mm) > self.bound)
-
-    @property
-    def blended_over(self) -> float:
-        """Share of the steps that are shorter than two blend radii: there the controller rounds over single points."""
-        steps = self.spacing_mm[np.isfinite(self.spacing_mm)]
-        if not steps.size or not np.isfinite(self.blend_radius_mm):
-            return float("nan")
-        return float((steps < 2 * self.blend_radius_mm).mean())
 
     def to_dict(self, line: Ints) -> dict[str, object]:
         """For `--json`."""
@@ -61,7 +50,6 @@ class Evenness:
             "largest_mm_per_mm": float(change.max(initial=0.0)),
             "median_spacing_mm": _median(self.spacing_mm),
             "kink_lines": sorted(set(line[self.kinks].tolist())),
-            "share_of_steps_shorter_than_two_blend_radii": self.blended_over,
         }
 
     def notes(self, line: Ints) -> list[str]:
@@ -74,17 +62,10 @@ class Evenness:
                 f"new kinks: the correction changes by up to {np.nanmax(self.change_per_mm):.2g} mm per mm of path (bound {self.bound:g}) at "
                 f"line {', '.join(map(str, lines[:_SHOWN]))}{more}; look whether force or posture really jump there, or insert points"
             )
-        if self.blended_over > 0.05:
-            found.append(
-                f"{100 * self.blended_over:.0f} % of the steps are shorter than twice the blend radius of {self.blend_radius_mm:g} mm: the "
-                "controller rounds over single points there and follows corrections in the mean only"
-            )
         return found
 
 
-def evenness(
-    target_mm: Floats, correction_mm: Floats, begin: Bools, quantum_mm: Floats, blend_radius_mm: float
-) -> Evenness:
+def evenness(target_mm: Floats, correction_mm: Floats, begin: Bools, quantum_mm: Floats) -> Evenness:
     """Change of a correction along a path.
 
     Parameters
@@ -102,7 +83,7 @@ def evenness(
     moved = np.maximum(np.linalg.norm(correction_mm[on] - correction_mm[on - 1], axis=1) - printing, 0.0)
     spacing[on] = step
     change[on] = np.where(moved > 0, moved / np.maximum(step, _SAME_MM), 0.0)
-    return Evenness(spacing, change, MAX_CHANGE, blend_radius_mm)
+    return Evenness(spacing, change, MAX_CHANGE)
 
 
 @dataclass(frozen=True, eq=False)
@@ -131,7 +112,6 @@ def across(before: End, after: End) -> tuple[Evenness, Ints]:
         np.array([end.correction_mm for end in ends]),
         np.array([True, False]),
         np.array([end.quantum_mm for end in ends]),
-        float("nan"),
     )
     return step, np.array([end.line for end in ends])
 

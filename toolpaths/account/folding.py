@@ -233,7 +233,10 @@ def _fold_evenness(parts: Sequence[dict[str, Any]], counts: Floats) -> dict[str,
         "largest_mm_per_mm": max(part["largest_mm_per_mm"] for part in parts),
         "median_spacing_mm": mean("median_spacing_mm"),
         "kink_lines": [line for part in parts for line in part["kink_lines"]],
-        "share_of_steps_shorter_than_two_blend_radii": mean("share_of_steps_shorter_than_two_blend_radii"),
+        "largest_change_within_a_blend_mm": max(part["largest_change_within_a_blend_mm"] for part in parts),
+        "smallest_blend_radius_mm": min(part["smallest_blend_radius_mm"] for part in parts),
+        "largest_blend_radius_mm": max(part["largest_blend_radius_mm"] for part in parts),
+        **{key: mean(key) for key in parts[0] if key.startswith("share_of_")},
     }
 
 

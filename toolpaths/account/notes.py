@@ -26,10 +26,19 @@ def notes_of(
         *(f"said of the model when it was identified: {doubt}" for doubt in model.doubts()),
         *account.turning.notes(line),
         *account.evenness.notes(line),
+        *account.blending.notes(),
         *_program_notes(program, process, path, correction_mm),
         *_uncertainty_notes(process, account),
-        *controller_notes(process, any(effect.kind in _GEOMETRY for effect in model.effects)),
+        *controller_notes(process, any(effect.kind in _GEOMETRY for effect in model.effects), _blends(account)),
     ]
+
+
+def _blends(account: Account) -> str:
+    """The blend radii of the program, where it says one for every point."""
+    if not account.blending.all_said:
+        return ""
+    low, high = account.blending.limits_mm
+    return f"{low:g} mm" if low == high else f"{low:g} to {high:g} mm"
 
 
 def _program_notes(program: Program, process: Process, path: LoadedPath, correction_mm: Floats) -> list[str]:

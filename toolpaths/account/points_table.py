@@ -22,6 +22,7 @@ COLUMNS = (
     "joints_only_mm",
     *(f"f{axis}_N" for axis in "xyz"),
     "unsupported_share",
+    "tool_turn_deg",
     "correction_change_per_mm",
 )
 
@@ -47,6 +48,7 @@ def _lines(result: Compensation) -> Iterator[str]:
         account.causes.joints_only_mm,
         *result.force_N.T,
         result.unsupported,
+        np.zeros(result.rows.size) if result.spin is None else np.degrees(result.spin.angle_rad),
         account.evenness.change_per_mm,
     ]
     form = "%d," + ",".join(["%.6g"] * len(columns)) + "\n"

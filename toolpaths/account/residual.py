@@ -120,7 +120,7 @@ def residual_interval(
     lacks: list[str] = []
     (carries if known.all() and model.x.size else lacks).append("covariance of the parameters")
     (carries if s_F.any() else lacks).append("uncertainty of the process force")
-    (carries if np.isfinite(form) else lacks).append("error of the model's form, from its held-out readings")
+    (carries if np.isfinite(form) else lacks).append(_form_in_words(model, form))
     if measured_sigma is not None and np.isfinite(measured_sigma).any():
         carries.append("what the probe leaves open, in place of the rest where it has measured")
     if jump.any():
@@ -137,6 +137,15 @@ def residual_interval(
         carries=tuple(carries),
         lacks=(*lacks, *NOT_INCLUDED),
     )
+
+
+def _form_in_words(model: Model, form: float) -> str:
+    """The error of the model's form, and how large one may hide where none shows."""
+    said = "error of the model's form, from its held-out readings"
+    hidden = (model.fit.get("model_form") or {}).get("detectable")
+    if form == 0 and hidden:
+        return f"{said} (they show no such error; one of up to {100 * hidden:.2g} % of the deflection could hide in their noise)"
+    return said
 
 
 def _support(model: Model, q: Floats, wrench: Floats, sag: bool) -> tuple[Floats, Floats, Floats]:

@@ -24,6 +24,10 @@ from toolpaths.rotary import with_meaning
 LARGEST_FILE = 2**31 - 1
 
 
+# Dialects whose points may stand in other files than the motions.
+OF_SEVERAL_FILES = (Krl.name, Rapid.name, Val3.name)
+
+
 class Dialect(Protocol):
     """What a dialect must do. A dialect is registered in `DIALECTS`."""
 
@@ -74,7 +78,7 @@ DIALECTS: tuple[Dialect, ...] = (
 )
 
 
-def read_program(path: str | Path, dialect: str | None = None) -> Program:
+def read_program(path: str | Path, dialect: str | None = None, beside: Sequence[Path] = ()) -> Program:
     """Read a robot program.
 
     Parameters
@@ -83,11 +87,13 @@ def read_program(path: str | Path, dialect: str | None = None) -> Program:
         The file.
     dialect
         Name of the dialect; by default it is recognised from content.
+    beside
+        Further files of the program that hold points, besides those that its dialect finds itself.
 
     Raises
     ------
     InputError
-        The file is missing, empty, of no known dialect, or has no motion.
+        The file is missing, empty, of no known dialect, or has no motion; a further file is missing, or its dialect knows none.
     """
     path = Path(path)
     known = ", ".join(d.name for d in DIALECTS)
@@ -103,8 +109,22 @@ def read_program(path: str | Path, dialect: str | None = None) -> Program:
             f"{path}: the content is of no known dialect; found {start!r} at its start, expected one of: {known}. "
             "Name the dialect if it is one of these, or export the program in one of them"
         )
-    others = [(str(other), _read(other, known)) for other in chosen.companions(path) if other.is_file()]
-    return chosen.parse(raw, str(path), others)
+    if beside and chosen.name not in OF_SEVERAL_FILES:
+        raise InputError(
+            f"{path}: --with {beside[0]}: a program of the dialect {chosen.name} has one file; further files with points are read for "
+            f"{', '.join(OF_SEVERAL_FILES)}"
+        )
+    found = [other for other in chosen.companions(path) if other.is_file()]
+    seen = {other.resolve() for other in (path, *found)}
+    for other in beside:
+        if other.resolve() not in seen:
+            if other.name.lower() in {file.name.lower() for file in (path, *found)}:
+                raise InputError(
+                    f"{other}: the program has another file of this name, and both would be written under one; rename it"
+                )
+            found.append(other)
+            seen.add(other.resolve())
+    return chosen.parse(raw, str(path), [(str(other), _read(other, known)) for other in found])
 
 
 def read_again(program: Program, parts: Sequence[bytes]) -> Program:
@@ -132,6 +152,20 @@ def files_of(program: Program, parts: Sequence[bytes]) -> tuple[bytes, ...]:
     return (program.container if parts[0] == program.raw else with_cells(program, parts[0]),)
 
 
+def paths_beside(program: Program, output: Path) -> list[Path]:
+    """Where the further files of a program go: beside the output, under its name and their suffix, or their name too where they are many."""
+    own = Path(program.path)
+    others = [Path(part.path) for part in program.parts[1:]]
+    suffixes = [file.suffix.lower() for file in (own, *others)]
+    paths: list[Path] = []
+    for other in others:
+        short = output.with_suffix(other.suffix)
+        belongs = suffixes.count(other.suffix.lower()) == 1 or other.stem.lower() == own.stem.lower()
+        free = belongs and output.suffix.lower() != other.suffix.lower() and short not in paths
+        paths.append(short if free else output.with_name(f"{output.stem}_{other.name}"))
+    return paths
+
+
 def naming_notes(program: Program, output: Path) -> list[str]:
     """What the user should know of the names under which the files of a program are written."""
     if program.dialect == Val3.name and len(program.parts) > 1:
@@ -141,7 +175,11 @@ def naming_notes(program: Program, output: Path) -> list[str]:
         ]
     if program.dialect != Krl.name or len(program.parts) < 2:
         return []
-    found = [naming_note(program.raw[part.start : part.end], output.stem) for part in program.parts[1:]]
+    names = [path.stem for path in paths_beside(program, output)]
+    found = [
+        naming_note(program.raw[part.start : part.end], name, output.stem)
+        for part, name in zip(program.parts[1:], names, strict=True)
+    ]
     return [note for note in found if note is not None]
 
 

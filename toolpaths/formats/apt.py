@@ -3,7 +3,8 @@
 Decisions: i, j, k are the direction from the tool's tip to the spindle, read renormalised; a GOTO with three numbers keeps the
 axis of the one before, and 0, 0, 1 where none was said or MULTAX/OFF stands. RAPID is for the next GOTO only. Points under a CYCLE are
 holes, under CUTCOM no places of the tool: both refused, as are arcs (``--linearise`` replaces them), GODLTA and other motions
-along curves. A coordinate system (NX MSYS, CATIA's matrix, Creo's CSYS) may be stated; points after another one are refused.
+along curves. A coordinate system or clamping (NX MSYS, CATIA's matrix, Creo's and SolidWorks' CSYS, SETUP) may be stated; points
+after another one are refused.
 """
 
 from __future__ import annotations
@@ -186,9 +187,9 @@ class Reader:
             self.obstacle(
                 major.decode(), "" if fine else f"{shown(record.code, 0, len(record.code))} in line {self.line}"
             )
-        elif major == b"MSYS":
-            tokens = records.numbers(minor, at)
-            self.system("MSYS", tuple(float(token) for token, _ in tokens or ()))
+        elif major in records.SYSTEMS:
+            if not (major == b"SETUP" and said.startswith(b"END")):
+                self.system(major.decode(), tuple(float(n) for n in re.findall(records.NUMBER, minor)))
         elif major in records.SHIFTS or major in records.TURNS or major in records.CALLS:
             tokens = records.numbers(minor, at)
             nothing = (
@@ -315,7 +316,10 @@ class Reader:
             self.systems[kind] = numbers
         same = self.systems.get(kind) == numbers
         self.obstacle(
-            kind, "" if same else f"another coordinate system since line {self.line} ({kind}); split the program there"
+            kind,
+            ""
+            if same
+            else f"another coordinate system or clamping since line {self.line} ({kind}); split the program there",
         )
 
     def axis(self, minor: bytes) -> None:

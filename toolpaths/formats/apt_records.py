@@ -50,6 +50,8 @@ CURVES = frozenset(
 )
 CALLS = frozenset((b"CALL", b"COPY", b"MACRO", b"LOOPST", b"JUMPTO", b"TRACUT", b"IF"))
 TURNS = frozenset((b"ROTABL", b"ROTHED", b"ROTATE", b"INDEX", b"PIVOTZ", b"ROTAXI"))
+# Where points lie in the world: another one than at the first point means another place.
+SYSTEMS = frozenset((b"MSYS", b"CSYS", b"SETUP", b"TRNTYP"))
 SHIFTS = frozenset((b"TRANS", b"ORIGIN"))
 
 FEED_UNITS = {

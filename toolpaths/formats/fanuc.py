@@ -84,7 +84,8 @@ class _Reader(Reading):
                     self.has_motion = True
                     self.rows.feed_mm_per_min = words.feed(match[3], match[4])
                     kind = match[1].upper().decode()
-                    coordinated = bool(point.groups) and b"COORD" in match[6].upper()
+                    self.rows.blend_mm = words.blend(match[6])
+                    coordinated = bool(point.groups) and b"COORD" in match[7].upper()
                     self.go(kind, "point", point, coordinated=coordinated)
                     at = match.end()
                     continue
@@ -176,6 +177,7 @@ class _Reader(Reading):
             at = match.end()
         speed = words.SPEED.match(code, at, end)
         self.rows.feed_mm_per_min = words.feed(speed[1], speed[2]) if speed is not None else math.nan
+        self.rows.blend_mm = words.blend(code[speed.end() if speed is not None else at : end])
         option = words.unknown_option(code, speed.end() if speed is not None else at, end)
         if option is not None:
             found = option[1].decode("ascii", "backslashreplace")

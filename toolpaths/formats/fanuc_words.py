@@ -28,7 +28,7 @@ MOVE = re.compile(
     + _POINT
     + rb"\s*(?:"
     + _SPEED
-    + rb")\s*(?:FINE|CNT\s*\d{1,3})((?:\s+ACC\s*\d{1,3})?\s*(?:\bCOORD\b)?\s*(?:\bPTH\b)?)\s*;",
+    + rb")\s*(FINE|CNT\s*\d{1,3})((?:\s+ACC\s*\d{1,3})?\s*(?:\bCOORD\b)?\s*(?:\bPTH\b)?)\s*;",
     _FLAGS,
 )
 MOTION = re.compile(rb"\s*([LJCAS])\s*(?=P(?:R)?\s*\[)", _FLAGS)
@@ -119,6 +119,21 @@ def feed(value: bytes | None, unit: bytes | None) -> float:
     if value is None or unit is None or not value.strip(b".").replace(b".", b"").isdigit():
         return math.nan
     return float(value) * FEED.get(unit.upper(), math.nan)
+
+
+_BLEND = re.compile(
+    rb"(?<![A-Za-z])(?:(FINE)|CNT\s*(\d{1,3}|R\[)|C[RD]\s*(\d{1,6}(?:\.\d*)?)(?:\s*mm)?)(?![A-Za-z_])", _FLAGS
+)
+
+
+def blend(options: bytes) -> float:
+    """Blend in mm: 0 for FINE and CNT0, infinite for CNT (its distance depends on speed), the number of CR and CD; NaN for none of these."""
+    match = _BLEND.search(options)
+    if match is None:
+        return math.nan
+    if match[3] is not None:
+        return float(match[3])
+    return 0.0 if match[1] is not None or match[2].strip(b"0") == b"" else math.inf
 
 
 def unknown_option(code: bytes, at: int, end: int) -> tuple[int, bytes] | None:

@@ -222,6 +222,9 @@ class Reader:
             self.set(g.g_number(number))
         if g.FRAME.search(code):
             self.modal.blocked["frame"] = f"line {self.line} moves the program's frame: {shown(code, 0, len(code))!r}"
+        if g.DIRECTION.search(code):
+            why = f"the tool is tilted by words that are not read here, since line {self.line}: {shown(code, 0, len(code))!r}"
+            self.modal.blocked["direction"] = why
         if g.AXIS_PATTERN.search(code) or g.CALL.search(code):
             if self.modal.mode in (2, 3):
                 explicit = bool(g.G_PATTERN.search(code))

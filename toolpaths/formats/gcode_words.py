@@ -40,6 +40,8 @@ FRAME = re.compile(
     rb"(?<![A-Za-z_])(?:A?TRANS|A?ROTS?|A?SCALE|A?MIRROR|CYCLE800|TRANSMIT|TRACYL|TRAANG|DIAMON|WORKPIECE_SHIFT)(?![A-Za-z_])",
     re.IGNORECASE,
 )
+# The tool's direction by words of its own; it stays tilted on the lines after it.
+DIRECTION = re.compile(rb"(?<![A-Za-z_])(?:[ABC][2-7]|LEAD|TILT|THETA)[ \t]*=", re.IGNORECASE)
 JUMP = re.compile(rb"(?<![A-Za-z_])GOTO[BFCS]?[ \t]*(?:N[ \t]*)?(\d+)?", re.IGNORECASE)
 
 

@@ -22,9 +22,12 @@ from toolpaths.formats.krl_statements import (
     CONTENT,
     EMBEDDED_MOTION,
     MOTION,
+    blend_of,
+    blend_setting,
     boundary,
     fatal_setting,
     feed_setting,
+    path_data_name,
     without_strings,
 )
 from toolpaths.formats.krl_words import Aggregate, code_end, shown
@@ -40,13 +43,13 @@ def _ordinary_line() -> re.Pattern[bytes]:
     words += rb"".join(rb"(?:[ \t]*,[ \t]*E%d(?:[ \t]+|(?=[+-]))%s)?" % (n, _NUMBER) for n in range(1, 7))
     status = rb"(?:[ \t]*,[ \t]*S[ \t]+(\d{1,9}))?(?:[ \t]*,[ \t]*T[ \t]+\d+)?"
     pose = rb"\{[ \t]*(?:E6POS[ \t]*:[ \t]*)?(X)(?:[ \t]+|(?=[+-]))%s%s%s[ \t]*\}" % (_NUMBER, words, status)
-    tail = rb"(?:[ \t]+C_(?:DIS|VEL|ORI|PTP))*[ \t]*(?:;[^\r\n]*)?\r*(?:\n|\Z)"
+    tail = rb"((?:[ \t]+C_(?:DIS|VEL|ORI|PTP))*)[ \t]*(?:;[^\r\n]*)?\r*(?:\n|\Z)"
     return re.compile(rb"[ \t]*(S?LIN|S?PTP)[ \t]*" + pose + tail, re.IGNORECASE)
 
 
 _ORDINARY = _ordinary_line()
 # Bytes in which lines alike are looked for: few at first, more where there are many. After a vain look so many lines are left out.
-_WINDOW, _LARGEST_WINDOW, _REST = 8_000, 1_000_000, 20
+_WINDOW, _LEAST_WINDOW, _LARGEST_WINDOW, _REST = 8_000, 1_000, 1_000_000, 20
 
 
 def _along(raw: bytes, at: int) -> re.Match[bytes] | None:
@@ -150,6 +153,7 @@ class _Reader(Motions):
                 aggregate = Aggregate(groups[2:14], regs[3:9], regs[2][0], regs[0][1], False, groups[14])
                 if self.frames.borrowed:
                     self.frames.give_back(self.line)
+                self.rows.blend_mm = blend_of(b"", groups[15], self.blend_distance) if groups[15] else 0.0
                 self.point(groups[0].upper().decode(), aggregate)
                 at = self.alike(at, groups, regs)
                 continue
@@ -182,15 +186,21 @@ class _Reader(Motions):
         body = found.span[:, 0, 0] - (regs[3][0] - regs[2][0])
         self.rows.add_run(self.line + 1, kind.decode(), found.span, found.value, written, body)
         self.line += len(found)
-        self.window = min(2 * self.window, _LARGEST_WINDOW)
+        # Twice what this look found: short runs (a feed every few lines) must not be paid for with long looks, and the shortest with none.
+        self.window = min(max(2 * (found.end - end), _LEAST_WINDOW), _LARGEST_WINDOW)
+        if len(found) < _REST:
+            self.tries_from = self.line + 10 * _REST
         return found.end
 
     def unroll(self, found: Loop) -> None:
         """Read a plain FOR as the motions it stands for."""
+        first = self.line
         self.line += found.lines_before
         self.line_start = found.motion[0]
         for value in found.values:
             self.counter = {found.counter: value}
+            if found.calls is not None:
+                self.after_call(f"the call of {found.calls} in the loop that begins in line {first}")
             self.statement(*found.motion)
         self.counter = {}
         self.forget(f"the ENDFOR in line {self.line + found.lines_after}", moved=False)
@@ -213,6 +223,7 @@ class _Reader(Motions):
         feed = feed_setting(code)
         if feed is not None:
             self.rows.feed_mm_per_min = feed
+        self.blending(code)
         changed = self.frames.read(raw, start, end, self.line)
         if changed is not None:
             self.forget(f"the {changed} set in line {self.line}", moved=False)
@@ -225,5 +236,19 @@ class _Reader(Motions):
         else:
             why = boundary(code)
             if why is not None:
-                self.forget(f"{why} in line {self.line}")
-                self.rows.feed_mm_per_min = float("nan")  # it may have set another
+                self.after_call(f"{why} in line {self.line}")
+
+    def blending(self, code: bytes) -> None:
+        """What C_DIS means from here on, if a line says so."""
+        self.path_data = path_data_name(code) or self.path_data
+        blend = blend_setting(code)
+        if isinstance(blend, float):
+            self.blend_distance = blend
+        elif blend is not None:
+            named = self.path_data is not None and not self.piece
+            self.blend_distance = self.points().blend_distance(self.path_data or "") if named else float("nan")
+
+    def after_call(self, since: str) -> None:
+        """Something may have moved the arm, and set another feed."""
+        self.forget(since)
+        self.rows.feed_mm_per_min = self.blend_distance = float("nan")

@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable
+from dataclasses import replace
 
 from toolpaths.formats.krl_points import FrameData
-from toolpaths.formats.krl_statements import frame_data_name, frame_setting, frames_by_data, frames_with
+from toolpaths.formats.krl_statements import frame_data_name, frame_setting, frames_by_data, frames_with, stored_frame
 from toolpaths.formats.krl_words import shown
 from toolpaths.program import FrameSetting, Refusal
 
+# Name of the present data of inline forms, and what the program has written into the controller's table of frames.
+Told = tuple[str | None, tuple[tuple[tuple[str, str | None], tuple[float, ...] | None], ...]]
 _STANDING = "the tool stands still (#TCP) and the arm carries the part, so poses mean something else"
 
 
@@ -30,19 +33,21 @@ class Frames:
         self.borrowed = False
         self._data = data
         self._name: str | None = None
+        self._table: dict[tuple[str, str | None], tuple[float, ...] | None] = {}
         self._last: dict[str, FrameSetting] = {}
         self._lasting: dict[str, FrameSetting] = {}
 
-    def take_over(self, lasting: tuple[FrameSetting, ...], name: str | None) -> None:
+    def take_over(self, lasting: tuple[FrameSetting, ...], told: Told) -> None:
         """Go on with the frames of the piece before."""
         self.settings = list(lasting)
         self._lasting = {setting.what: setting for setting in lasting}
         self._last = dict(self._lasting)
-        self._name = name
+        self._name, table = told
+        self._table = dict(table)
 
-    def hand_on(self) -> tuple[tuple[FrameSetting, ...], str | None]:
+    def hand_on(self) -> tuple[tuple[FrameSetting, ...], Told]:
         """What the next piece takes over."""
-        return tuple(self._lasting.values()), self._name
+        return tuple(self._lasting.values()), (self._name, tuple(self._table.items()))
 
     def read(self, raw: bytes, start: int, end: int, line: int) -> str | None:
         """What a statement changes, if it is about frames: "base" or "tool"."""
@@ -57,9 +62,14 @@ class Frames:
                 self._lasting[setting.what] = setting
                 changed = self._put(setting) or changed
             return changed
+        stored = stored_frame(raw, start, end)
+        if stored is not None:
+            self._table[stored[:2]] = stored[2]
+            return None
         plain = frame_setting(raw, start, end, line)
         if plain is None:
             return None
+        plain = self._looked_up(plain)
         self._lasting[plain.what] = plain
         self._put(plain, always=True)
         return plain.what
@@ -97,9 +107,17 @@ class Frames:
             self.refusals.append(Refusal(line, f"found {name}: {_STANDING}", carries_force=False, fatal=True))
         text = f"{text} ({name}: tool {data.tool}, base {data.base})"
         return [
-            FrameSetting(line, "base", "controller", None, text, key=data.base),
-            FrameSetting(line, "tool", "controller", None, text, key=data.tool),
+            self._looked_up(FrameSetting(line, what, "controller", None, text, key=number))
+            for what, number in (("base", data.base), ("tool", data.tool))
         ]
+
+    def _looked_up(self, setting: FrameSetting) -> FrameSetting:
+        """A frame of the controller's table with the numbers that the program itself has written there."""
+        number = _number(setting)
+        if setting.origin != "controller" or not {(setting.what, number), (setting.what, None)} & self._table.keys():
+            return setting
+        pose = None if (setting.what, None) in self._table else self._table.get((setting.what, number))
+        return replace(setting, origin="expression" if pose is None else "literal", pose=pose, key=None)
 
     def _put(self, setting: FrameSetting, *, always: bool = False) -> str | None:
         before = self._last.get(setting.what)

@@ -8,9 +8,9 @@ import weakref
 from collections.abc import Sequence
 from typing import NamedTuple
 
-from toolpaths.formats.krl_frames import Frames
+from toolpaths.formats.krl_frames import Frames, Told
 from toolpaths.formats.krl_points import REFERENCE, FrameData, Key, Points, key_of
-from toolpaths.formats.krl_statements import POINT_TO_POINT, feed_with
+from toolpaths.formats.krl_statements import POINT_TO_POINT, blend_of, blend_with, feed_with
 from toolpaths.formats.krl_words import Aggregate, Unreadable, read_aggregate, shown, status_bits
 from toolpaths.formats.reading import NeedsWhole
 from toolpaths.program import NO_STATUS, FrameSetting, Refusal
@@ -33,14 +33,14 @@ class Resume(NamedTuple):
     ----------
     line
         Lines so far.
-    values, status, feed_mm_per_min
-        The pose, what was last said of the branch, the feed.
+    values, status, feed_mm_per_min, blend
+        The pose, what was last said of the branch, the feed, the distance of C_DIS and the name of the present path data.
     moved
         Whether the next motion starts from a place that is not known; None where no motion came before.
     lasting
         Base and tool in force.
     frame_data
-        Name of the present data of inline forms.
+        See `krl_frames.Told`.
     unknown_since
         Why words that are not known are not.
     """
@@ -49,13 +49,16 @@ class Resume(NamedTuple):
     values: tuple[float, ...]
     status: tuple[int, int, int]
     feed_mm_per_min: float
+    blend: tuple[float, str | None]
     moved: bool | None
     lasting: tuple[FrameSetting, ...]
-    frame_data: str | None
+    frame_data: Told
     unknown_since: str
 
 
-START = Resume(0, (math.nan,) * 12, NO_STATUS, math.nan, None, (), None, "no line before it says")
+START = Resume(
+    0, (math.nan,) * 12, NO_STATUS, math.nan, (math.nan, None), None, (), (None, ()), "no line before it says"
+)
 
 
 class Motions:
@@ -76,6 +79,8 @@ class Motions:
         self.line = 0
         self.line_start = 0
         self.unknown_since = "no line before it says"
+        self.blend_distance = math.nan
+        self.path_data: str | None = None
         self.counter: dict[str, int] = {}
         self._points: Points | None = None
         self._stored: list[tuple[int, Key]] = []
@@ -105,6 +110,7 @@ class Motions:
             rows.stand_in(resume.line, "LIN", resume.values, moved=resume.moved)
             rows.status = NO_STATUS
         rows.feed_mm_per_min = resume.feed_mm_per_min
+        self.blend_distance, self.path_data = resume.blend
 
     def hand_on(self) -> Resume:
         """What the next piece needs to know."""
@@ -113,7 +119,15 @@ class Motions:
         moved = rows.moved if len(rows) else None
         lasting, name = self.frames.hand_on()
         return Resume(
-            self.line, tuple(rows.values), said, rows.feed_mm_per_min, moved, lasting, name, self.unknown_since
+            self.line,
+            tuple(rows.values),
+            said,
+            rows.feed_mm_per_min,
+            (self.blend_distance, self.path_data),
+            moved,
+            lasting,
+            name,
+            self.unknown_since,
         )
 
     def finish(self) -> None:
@@ -159,7 +173,7 @@ class Motions:
                     raise Unreadable(comma, "no end point after the auxiliary point of the arc")
                 self.arc(kind, first, self.target(kind, comma + 1, end), end)
                 return
-            feed = self.check_tail(first.end, end)
+            feed = self.check_tail(kind, first.end, end)
             if first.is_axes and kind in POINT_TO_POINT:
                 self.forget(f"the axis angles in line {self.line}")
                 self.rows.update((None,) * 6 + first.tokens[6:])
@@ -200,8 +214,8 @@ class Motions:
         found = self.points().find(at, key_of(named, self.counter), shown(raw, at, named.end()))
         return found._replace(end=named.end())
 
-    def check_tail(self, at: int, end: int) -> float | None:
-        """What follows a target; the feed that a segment sets for itself, if any."""
+    def check_tail(self, kind: str, at: int, end: int) -> float | None:
+        """What follows a target: the blend of the next row; the feed that a segment sets for itself, if any."""
         tail = _TAIL.fullmatch(self.raw, at, end)
         if tail is None:
             at = _skip_blanks(self.raw, at, end)
@@ -209,6 +223,8 @@ class Motions:
         unknown = self.frames.borrow(tail[1] or b"", self.line)
         if unknown is not None:
             raise Unreadable(tail.start(1), unknown)
+        own = blend_with(tail[1] or b"")
+        self.rows.blend_mm = blend_of(kind.encode(), tail[0], self.blend_distance if own is None else own)
         return feed_with(tail[1] or b"")
 
     def point(self, kind: str, aggregate: Aggregate) -> None:
@@ -234,7 +250,7 @@ class Motions:
     def arc(self, kind: str, via: Aggregate, end: Aggregate, stop: int) -> None:
         """Auxiliary and end pose of an arc."""
         angle = _ARC_ANGLE.match(self.raw, end.end, stop)
-        feed = self.check_tail(angle.end() if angle else end.end, stop)
+        feed = self.check_tail(kind, angle.end() if angle else end.end, stop)
         if via.is_axes or end.is_axes:
             raise Unreadable(max(via.body, self.line_start), "axis angles in a motion along a path")
         rows = self.rows

@@ -6,6 +6,7 @@ would be changed by a correction, and what else writes it makes its numbers unce
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Iterable, Sequence
 from typing import NamedTuple
@@ -33,6 +34,7 @@ _MEMBER = re.compile(rb"([A-Za-z_]\w*)[ \t]*(\{[^{}]*\})")
 _SILENT = re.compile(rb'"[^"\r\n]*"|;[^\n]*')
 _DECLARES = re.compile(rb"[ \t]*(?:GLOBAL|DECL|CONST|E6POS|E3POS|POS|FRAME|E6AXIS|E3AXIS|AXIS|EXT)[ \t]", re.IGNORECASE)
 _FDAT = re.compile(rb"\b(TOOL_NO|BASE_NO)[ \t]+(-?\d+)|\bIPO_FRAME[ \t]+(#\w+)", re.IGNORECASE)
+_LDAT = re.compile(rb"\bAPO_DIST[ \t]+(\d{1,6}(?:\.\d{0,9})?)[ \t]*[,}]", re.IGNORECASE)
 _MODULE = re.compile(rb"^[ \t]*DEFDAT[ \t]+([A-Za-z_]\w*)", _FLAGS)
 _GLOBAL_POINT = re.compile(rb"^[ \t]*(?:DECL[ \t]+)?GLOBAL[ \t]+(?:DECL[ \t]+)?(?:E6POS|E3POS|POS|FRAME)\b", _FLAGS)
 
@@ -124,6 +126,15 @@ class Points:
         stands = said.get(b"IPO", b"").upper() == b"#TCP"
         return FrameData(said[b"TOOL_NO"].decode(), said[b"BASE_NO"].decode(), stands)
 
+    def blend_distance(self, name: str) -> float:
+        """APO_DIST of a ``DECL LDAT`` of that name, mm; NaN where there is none."""
+        places = self._places.get((name.upper(), None, ()), [])
+        if len(places) != 1:
+            return math.nan
+        file, start, end = places[0]
+        match = _LDAT.search(self.files[file], start, end)
+        return float(match[1]) if match is not None else math.nan
+
     def __len__(self) -> int:
         return len(self._places)
 
@@ -196,13 +207,22 @@ def _is_member(code: bytes, at: int) -> bool:
     return code[max(at - 2, 0) : at].rstrip(b" \t")[-1:] in (b".", b"$", b"#")
 
 
-def naming_note(dat: bytes, stem: str) -> str | None:
-    """What to say where a ``.dat`` is written under another name than its module's; the controller refuses such a file."""
+def naming_note(dat: bytes, stem: str, source: str) -> str | None:
+    """What to say where a ``.dat`` is written under another name than its module's; the controller refuses such a file.
+
+    Parameters
+    ----------
+    stem, source
+        Names under which the file and the source are written, without suffix.
+    """
     match = _MODULE.search(dat)
     if match is None or match[1].decode().lower() == stem.lower():
         return None
     name = match[1].decode()
+    told = f"the .dat holds the module '{name}' but is written as '{stem}.dat'"
+    if stem != source:
+        return f"{told}: give it the name {name}.dat on the controller"
     return (
-        f"the .dat holds the module '{name}' but is written as '{stem}.dat': give both files the name {name} on the controller "
-        f"(or choose an output named {name}.src), and see that DEF in the .src matches"
+        f"{told}: give both files the name {name} on the controller (or choose an output named {name}.src), and see that DEF in "
+        "the .src matches"
     )

@@ -38,8 +38,9 @@ _STILL = frozenset(
 
 _FRAME = re.compile(rb"\s*\$(BASE|TOOL)\s*(?=[=.\[])", _FLAGS)
 _CONTROLLER_DATA = re.compile(rb"=\s*(?:BASE|TOOL)_DATA\s*\[[^\]]*\]\s*\Z", _FLAGS)
+_TABLE = re.compile(rb"\s*(BASE|TOOL)_DATA\s*\[([^\]]*)\](?=\s*[=.](?!=))", _FLAGS)
 _NULL_FRAME = re.compile(rb"=\s*\$(?:NULLFRAME|WORLD)\s*\Z", _FLAGS)
-_BAS = re.compile(rb"\s*BAS\s*\(\s*#(BASE|TOOL)\b", _FLAGS)
+_BAS = re.compile(rb"\s*BAS\s*\(\s*#(EX_)?(BASE|TOOL)\b", _FLAGS)
 _BAS_FRAMES = re.compile(rb"\s*BAS\s*\(\s*#(?:FRAMES|PTP_PARAMS|CP_PARAMS)\b", _FLAGS)
 _FRAME_DATA = re.compile(rb"\s*FDAT_ACT\s*=\s*([A-Za-z_]\w*)\s*\Z", _FLAGS)
 _FLOAT = rb"\s*([+]?(?:\d{1,9}\.?\d{0,9}|\.\d{1,9})(?:E[+-]?\d)?)\s*"
@@ -52,6 +53,14 @@ _FEED_VALUE = re.compile(
     _FLAGS | re.DOTALL,
 )
 _FEED_WITH = re.compile(rb"\$VEL(?:\s*\.\s*CP\s*=%s|\s*=\s*SVEL_CP\s*\(%s)(?=[,)]|\s*C_|\Z)" % (_FLOAT, _FLOAT), _FLAGS)
+_BLEND = re.compile(
+    rb"\s*(?:\$APO\s*\.\s*CDIS\s*=(?!=)|\$APO\s*=(?!=)|BAS\s*\(\s*#(?:INITMOV|CP_DAT|CP_PARAMS)\b)", _FLAGS
+)
+_BLEND_VALUE = re.compile(
+    rb"\s*(?:\$APO\s*\.\s*CDIS\s*=%s|\$APO\s*=\s*\{[^}]*?\bCDIS\s+%s[,}].*)\Z" % (_FLOAT, _FLOAT), _FLAGS | re.DOTALL
+)
+_BLEND_WITH = re.compile(rb"\$APO\s*(?:\.\s*CDIS\s*=%s|=\s*\{[^}]*?\bCDIS\s+%s[,}])" % (_FLOAT, _FLOAT), _FLAGS)
+_PATH_DATA = re.compile(rb"\s*LDAT_ACT\s*=\s*([A-Za-z_]\w*)\s*\Z", _FLAGS)
 _FRAME_WITH = re.compile(rb"\$(BASE|TOOL|IPO_MODE)\s*=\s*(?:S(?:BASE|TOOL2?|IPO_MODE)\s*\(\s*(F\w+)|(\S[^,]*))", _FLAGS)
 _FATAL = (
     (
@@ -75,7 +84,8 @@ def frame_setting(raw: bytes, start: int, end: int, line: int) -> FrameSetting |
     text = shown(raw, start, end)
     called = _BAS.match(raw, start, end)
     if called is not None:
-        return FrameSetting(line, called[1].decode().lower(), "controller", None, text)
+        origin = "controller" if called[1] is None else "expression"  # a base that external axes carry
+        return FrameSetting(line, called[2].decode().lower(), origin, None, text)
     match = _FRAME.match(raw, start, end)
     if match is None:
         return None
@@ -85,17 +95,33 @@ def frame_setting(raw: bytes, start: int, end: int, line: int) -> FrameSetting |
         return FrameSetting(line, what, "controller", None, text)
     if _NULL_FRAME.match(setting):
         return FrameSetting(line, what, "literal", (0.0,) * 6, text)
-    brace = raw.find(b"{", match.end(), end)
-    if brace >= 0 and raw[match.end() : brace].strip() == b"=":
-        try:
-            aggregate = read_aggregate(raw, brace, end)
-        except Unreadable:
-            return FrameSetting(line, what, "expression", None, text)
-        if not aggregate.is_axes and not raw[aggregate.end : end].strip():
-            tokens = aggregate.tokens[: len(POSE_WORDS)]
-            pose = tuple(math.nan if token is None else float(token) for token in tokens)
-            return FrameSetting(line, what, "literal", pose, text)
-    return FrameSetting(line, what, "expression", None, text)
+    pose = _literal_frame(raw, match.end(), end)
+    return FrameSetting(line, what, "expression" if pose is None else "literal", pose, text)
+
+
+def _literal_frame(raw: bytes, at: int, end: int) -> tuple[float, ...] | None:
+    """The literal frame that an ``=`` gives, NaN for a word not written; None where it is no literal."""
+    brace = raw.find(b"{", at, end)
+    if brace < 0 or raw[at:brace].strip() != b"=":
+        return None
+    try:
+        aggregate = read_aggregate(raw, brace, end)
+    except Unreadable:
+        return None
+    if aggregate.is_axes or raw[aggregate.end : end].strip():
+        return None
+    return tuple(math.nan if token is None else float(token) for token in aggregate.tokens[: len(POSE_WORDS)])
+
+
+def stored_frame(raw: bytes, start: int, end: int) -> tuple[str, str | None, tuple[float, ...] | None] | None:
+    """What a line writes into the controller's table of frames: base or tool, its number (None: computed), the literal frame (None:
+    something else); None where it writes nothing there.
+    """
+    match = _TABLE.match(raw, start, end)
+    if match is None:
+        return None
+    number = str(int(match[2])) if match[2].strip().isdigit() else None
+    return match[1].decode().lower(), number, _literal_frame(raw, match.end(), end)
 
 
 def frames_by_data(code: bytes) -> bool:
@@ -125,8 +151,57 @@ def feed_with(clause: bytes) -> float | None:
     return math.nan if match is None else _millimetres_a_minute(match)
 
 
+def blend_setting(code: bytes) -> float | str | None:
+    """Distance in mm from which C_DIS rounds over a point, where a line sets it: NaN where it sets one that is no number, "data" where
+    it takes that of the present path data (``LDAT_ACT``); None if it sets none.
+    """
+    found = _BLEND.match(code)
+    if found is None:
+        return None
+    if b"#" in found[0]:
+        return "data" if b"CP_" in found[0].upper() else math.nan
+    match = _BLEND_VALUE.match(code)
+    return math.nan if match is None else _number(match)
+
+
+def blend_with(clause: bytes) -> float | None:
+    """As `blend_setting`, for what a spline segment sets for itself after WITH."""
+    if b"$APO" not in clause.upper():
+        return None
+    match = _BLEND_WITH.search(clause)
+    return math.nan if match is None else _number(match)
+
+
+def path_data_name(code: bytes) -> str | None:
+    """Name of the path data of an inline form that a line makes the present ones."""
+    match = _PATH_DATA.match(code)
+    return None if match is None else match[1].decode()
+
+
+def blend_of(kind: bytes, tail: bytes, distance_mm: float) -> float:
+    """Blend of a motion in mm.
+
+    Parameters
+    ----------
+    kind, tail
+        Keyword and what stands behind the target. Without C_ words the arm goes to the point; through that of SPL it always goes.
+    distance_mm
+        What C_DIS means at present.
+    """
+    said = tail.upper()
+    if kind.upper() == b"SPL" or b"C_" not in said:
+        return 0.0
+    if b"C_DIS" in said or b"C_SPL" in said:
+        return distance_mm
+    return math.inf
+
+
+def _number(match: re.Match[bytes]) -> float:
+    return float(next(group for group in match.groups() if group is not None))
+
+
 def _millimetres_a_minute(match: re.Match[bytes]) -> float:
-    return 60e3 * float(next(group for group in match.groups() if group is not None))
+    return 60e3 * _number(match)
 
 
 def frames_with(clause: bytes) -> list[tuple[str, str, str]]:
@@ -144,10 +219,14 @@ def boundary(code: bytes) -> str | None:
         return f"the {block[1].decode().upper()}"
     if _LABEL.match(code):
         return "the label"
-    for call in _CALL.finditer(without_strings(code)):
-        if call[1].upper() not in _STILL:
-            return f"the call of {call[1].decode()}"
-    return None
+    name = called(code)
+    return None if name is None else f"the call of {name}"
+
+
+def called(code: bytes) -> str | None:
+    """Name of the first subprogram that a line calls and that may move the arm."""
+    calls = (call[1] for call in _CALL.finditer(without_strings(code)))
+    return next((name.decode() for name in calls if name.upper() not in _STILL), None)
 
 
 def without_strings(code: bytes) -> bytes:

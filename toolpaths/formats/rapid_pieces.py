@@ -9,10 +9,10 @@ from toolpaths.formats import rapid_words as words
 from toolpaths.formats.reading import Continued, NeedsWhole, cut_between
 
 if TYPE_CHECKING:
-    from toolpaths.formats.rapid import _Reader
+    from toolpaths.formats.rapid_reader import Reader
 
 # What is in force or declared in a reader besides its rows; speed and tool are looked up anew.
-_MODAL = ("routine", "conf_off", "points", "speeds", "frame_data", "assigned")
+_MODAL = ("routine", "conf_off", "points", "speeds", "zones", "local", "frame_data", "assigned")
 _REST_OF_LINE = re.compile(rb"[ \t]*(?:![^\r\n]*)?\r*(?:\n|\Z)")
 _CONFDATA = 10
 
@@ -40,7 +40,7 @@ def _along(raw: bytes, at: int) -> re.Match[bytes] | None:
     return match if match is not None and alone and match[1].upper() == b"MOVEL" else None
 
 
-def take_over(reader: _Reader, resume: Resume) -> None:
+def take_over(reader: Reader, resume: Resume) -> None:
     """Go on where the piece before ended."""
     if resume.so_far is None:
         return
@@ -49,7 +49,7 @@ def take_over(reader: _Reader, resume: Resume) -> None:
     reader.take_over(resume.so_far)
 
 
-def hand_on(reader: _Reader) -> Resume:
+def hand_on(reader: Reader) -> Resume:
     """What the next piece needs to know.
 
     Raises

@@ -21,7 +21,7 @@ TARGET = rb"\[\s*\[%s,%s,%s\]\s*,\s*\[%s,%s,%s,%s\]\s*,\s*\[([^\[\]]{1,80})\]\s*
     (_N,) * 7
 )
 ROBTARGET = re.compile(TARGET)
-_TAIL = rb"\s*(?:\\ID:=\d+\s*)?,\s*(%s)\s*,\s*%s\s*,\s*(%s(?:\s*\\WObj\s*:=\s*%s)?)\s*;" % ((NAME,) * 4)
+_TAIL = rb"\s*(?:\\ID:=\d+\s*)?,\s*(%s)\s*,\s*(%s)\s*,\s*(%s(?:\s*\\WObj\s*:=\s*%s)?)\s*;" % ((NAME,) * 4)
 # What nearly all statements of a program look like: linear and joint moves with a literal or a declared target.
 MOVE_LITERAL = re.compile(rb"\s*(Move[LJ])\s*" + TARGET + _TAIL, _FLAGS)
 MOVE_NAMED = re.compile(rb"\s*(Move[LJ])\s+(%s)" % NAME + _TAIL, _FLAGS)
@@ -29,7 +29,7 @@ DECLARED = re.compile(
     rb"\s*(?:(?:LOCAL|TASK)\s+)?(?:CONST|PERS|VAR)\s+robtarget\s+(%s)\s*:=\s*" % NAME + TARGET + rb"\s*;", _FLAGS
 )
 DECLARATION = re.compile(
-    rb"\s*(?:(?:LOCAL|TASK)\s+)?(?:CONST|PERS|VAR)\s+(robtarget|tooldata|wobjdata|speeddata|jointtarget)\s+(%s)\s*(\{[^{}]*\})?\s*(:=)?"
+    rb"\s*(?:(?:LOCAL|TASK)\s+)?(?:CONST|PERS|VAR)\s+(robtarget|tooldata|wobjdata|speeddata|zonedata|jointtarget)\s+(%s)\s*(\{[^{}]*\})?\s*(:=)?"
     % NAME,
     _FLAGS,
 )
@@ -163,7 +163,35 @@ def feed(text: bytes, declared: dict[bytes, float]) -> float:
     return float(literal[1]) * 60 if literal else math.nan
 
 
+# Radius of the TCP's zone in mm, by the number in the name of predefined zonedata.
+_ZONES = {0: 0.3, **{n: float(n) for n in (1, 5, 10, 15, 20, 30, 40, 50, 60, 80, 100, 150, 200)}}
+_ZONE = re.compile(rb"z(\d{1,3})", _FLAGS)
+_LITERAL_ZONE = re.compile(rb"\[\s*(TRUE|FALSE)\s*," + _N + rb",", _FLAGS)
+_ZONE_OVERRIDE = re.compile(rb"\\\s*Z\s*:=" + _N, _FLAGS)
+
+
+def blend(text: bytes, declared: dict[bytes, float]) -> float:
+    """Blend radius in mm of a zone argument: 0 for ``fine``, NaN where it is not known."""
+    name, mark, options = text.partition(b"\\")
+    name = name.strip()
+    override = _ZONE_OVERRIDE.search(mark + options) if mark else None
+    if override is not None:
+        return float(override[1])
+    known = declared.get(name.upper())
+    if known is not None:
+        return known
+    if name.upper() == b"FINE":
+        return 0.0
+    predefined, literal = _ZONE.fullmatch(name), _LITERAL_ZONE.match(name)
+    if predefined is not None:
+        return _ZONES.get(int(predefined[1]), math.nan)
+    if literal is None:
+        return math.nan
+    return 0.0 if literal[1].upper() == b"TRUE" else float(literal[2])
+
+
 ID = re.compile(rb"\s*\\\s*ID\s*:=", _FLAGS)
+CORRECTED = re.compile(rb"\\\s*Corr\b", _FLAGS)
 _WOBJ = re.compile(rb"\\\s*WObj\s*:=\s*(%s)" % NAME, _FLAGS)
 _BY_JOINTS = re.compile(rb"\w*?(?:AbsJ|ExtJ|J)(?:DO|AO|GO|IOs|Sync)?\Z|Ind", _FLAGS)
 

@@ -118,7 +118,7 @@ class Continued(NamedTuple):
 class Reading:
     """A program being read: what was found so far, and the line that is being looked at."""
 
-    def __init__(self, raw: bytes, convention: Convention) -> None:
+    def __init__(self, raw: bytes, convention: Convention, start: int = 0) -> None:
         self.raw = raw
         self.rows = ProgramBuilder(convention)
         self.frames: list[FrameSetting] = []
@@ -127,11 +127,10 @@ class Reading:
         self.warnings: list[str] = []
         self.has_motion = False
         self.line = 1
-        self._counted = 0
-        self._line_start = 0
+        self._counted = self._line_start = start
         self._frame: dict[str, FrameSetting] = {}
         self._goes: list[tuple[int, object]] = []
-        self._mentioned: dict[object, tuple[int, str]] = {}
+        self._mentioned: dict[object, tuple[int | str, str]] = {}
 
     def take_over(self, before: Continued) -> None:
         """Go on where the piece before ended: a first row that nothing changes stands for its last motion."""
@@ -207,6 +206,14 @@ class Reading:
         """Stored points that this line uses otherwise than as the target of a motion."""
         for name in names:
             self._mentioned.setdefault(name, (self.line, how))
+
+    def mention_elsewhere(self, other: Reading, name: str) -> None:
+        """Stored points that another file of the program uses, as targets of its motions or otherwise."""
+        for point, (line, how) in other._mentioned.items():
+            self._mentioned.setdefault(point, (f"{line} of {name}", how))
+        for row, target in other._goes:
+            for point in self.called(target):
+                self._mentioned.setdefault(point, (f"{other.rows.line(row)} of {name}", "a motion there goes to it"))
 
     def called(self, point: object) -> tuple[object, ...]:
         """What a stored point is called where other statements use it."""

@@ -48,6 +48,8 @@ RECOGNISED = re.compile(
 )
 UNIT = np.array([1000.0] * 3 + [1.0] * 3)
 _MM_PER_MIN = 60_000.0
+# Place of the blend radius among the arguments after the poses. Where it is not the third, that is the time.
+_RADIUS_AT = {b"movel": 3, b"movej": 3, b"movep": 2, b"movec": 2}
 
 
 class UrScript:
@@ -91,9 +93,9 @@ class _Reader(Reading):
         self.first_set: dict[bytes, int] = {}
         self.assigned_again: set[bytes] = set()
         self.last_block = 0
-        # Options of the last ordinary move and the feed they say; an assignment may change what they mean.
-        self.options: bytes | None = None
-        self.fast_feed = math.nan
+        # Call and options of the last ordinary move, and feed and blend that they say; an assignment may change what they mean.
+        self.options: tuple[bytes, bytes] | None = None
+        self.fast = math.nan, math.nan
 
     def read(self) -> None:
         code, at, size = self.code, 3 if self.raw.startswith(b"\xef\xbb\xbf") else 0, len(self.raw)
@@ -102,11 +104,12 @@ class _Reader(Reading):
             if match is not None:
                 self.to(match.start(1))
                 self.has_motion = True
-                if match[8] != self.options:
-                    self.options = match[8]
+                if (match[1], match[8]) != self.options:
+                    self.options = match[1], match[8]
                     self.mention(self.names(*match.span(8)), shown(self.raw, *match.span()))
-                    self.fast_feed = self.feed(arguments(code, *match.span(8))[1:], 0)
-                self.rows.feed_mm_per_min = self.fast_feed
+                    options = arguments(code, *match.span(8))[1:]
+                    self.fast = self.feed(match[1], options), self.blend(match[1], options)
+                self.rows.feed_mm_per_min, self.rows.blend_mm = self.fast
                 self.set_frame("base", "base", "the robot's base frame")
                 target = Target(match.groups()[1:7], match.regs[2:8])
                 self.add(match[1].upper().decode(), "point", target, force=match[1] != b"movej")
@@ -219,7 +222,8 @@ class _Reader(Reading):
         targets = [self.target(*place, force=name != "movej") for place in places]
         for piece in options:
             self.mention(self.names(*piece), shown(self.raw, *piece))
-        self.rows.feed_mm_per_min = self.feed(options, 0)
+        self.rows.feed_mm_per_min = self.feed(call[1], options)
+        self.rows.blend_mm = self.blend(call[1], options)
         for role, target in zip(("via", "end") if arc else ("point",), targets, strict=True):
             self.add(name.upper(), role, target, force=name != "movej")
 
@@ -278,18 +282,28 @@ class _Reader(Reading):
         else:
             self.set_frame("tool", said, said, origin="expression")
 
-    def feed(self, options: list[tuple[int, int]], at: int) -> float:
+    def feed(self, call: bytes, options: list[tuple[int, int]]) -> float:
         """Programmed feed in mm/min; NaN where a time is given or the speed is computed."""
         speed = math.nan
-        for place, piece in enumerate(options, at):
+        for place, piece in enumerate(options):
             found = _KEYWORD.match(self.code, *piece)
             value = self.code[found.end() if found else piece[0] : piece[1]].strip()
             number = float(value) if _NUMBER.fullmatch(value) else self.numbers.get(value, math.nan)
             if (found[1] == b"v") if found else place == 1:
                 speed = number * _MM_PER_MIN
-            elif ((found[1] == b"t") if found else place == 2) and number != 0:
+            elif ((found[1] == b"t") if found else place == _RADIUS_AT[call] - 1 != 1) and number != 0:
                 return math.nan
         return speed
+
+    def blend(self, call: bytes, options: list[tuple[int, int]]) -> float:
+        """Blend radius in mm, 0 where none is given; NaN where it is computed."""
+        radius = 0.0
+        for place, piece in enumerate(options):
+            found = _KEYWORD.match(self.code, *piece)
+            if (found[1] == b"r") if found else place == _RADIUS_AT[call]:
+                value = self.code[found.end() if found else piece[0] : piece[1]].strip()
+                radius = float(value) if _NUMBER.fullmatch(value) else self.numbers.get(value, math.nan)
+        return 1000.0 * radius
 
 
 def _literal(pose: Target) -> tuple[float, ...]:

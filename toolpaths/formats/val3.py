@@ -158,7 +158,9 @@ class _Reader(Reading):
                 raise Unreadable(piece[0], f"the point {shown(self.raw, *piece)!r}, {target}")
             targets.append(target)
         self.set_tool(pieces[-2])
-        self.rows.feed_mm_per_min = self.data.feeds.get(self.element(pieces[-1]) or b"", math.nan)
+        description = self.element(pieces[-1]) or b""
+        self.rows.feed_mm_per_min = self.data.feeds.get(description, math.nan)
+        self.rows.blend_mm = self.data.blends.get(description, math.nan)
         if len({target.frame for target in targets}) > 1:
             raise Unreadable(match.start(), "an arc between points of two frames")
         for role, target in zip(("via", "end") if arc else ("point",), targets, strict=True):

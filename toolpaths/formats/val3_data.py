@@ -35,19 +35,20 @@ class Data(NamedTuple):
         Targets with their frame as ("base", name), or why an element is no literal pose.
     frames, tools
         X, Y, Z (mm), RX, RY, RZ (deg) and the element they are stated in; None where a number is not literal.
-    feeds
-        Tool speed limit of motion descriptors, mm/min.
+    feeds, blends
+        Of motion descriptors: tool speed limit, mm/min; distance before the point at which the path is left, mm.
     """
 
     points: dict[bytes, Target | str]
     frames: dict[bytes, tuple[Pose, bytes] | None]
     tools: dict[bytes, tuple[Pose, bytes] | None]
     feeds: dict[bytes, float]
+    blends: dict[bytes, float]
 
 
 def read_data(files: list[tuple[int, bytes]]) -> Data:
     """Read data files, each with the offset at which its bytes count on."""
-    data = Data({}, {}, {}, {})
+    data = Data({}, {}, {}, {}, {})
     for offset, raw in files:
         text = _COMMENT.sub(lambda found: b" " * len(found[0]), raw)
         about: dict[bytes, bytes] = {}
@@ -69,6 +70,9 @@ def _element(data: Data, kind: bytes, name: bytes, value: re.Match[bytes], offse
     if kind == b"mdesc":
         limit = _number(fields.get(b"tmax"))
         data.feeds[element] = limit * 60 if limit is not None and limit < _UNLIMITED else math.nan
+        leave = _number(fields.get(b"leave"))
+        off = b"blend" in fields and fields[b"blend"][2].lower() == b"off"
+        data.blends[element] = 0.0 if off else math.nan if leave is None else leave
         return
     father = _element_name(fields[b"fatherId"][2]) if b"fatherId" in fields else b"world[0]"
     if kind == b"pointRx":
