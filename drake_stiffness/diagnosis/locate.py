@@ -12,6 +12,8 @@ from drake_stiffness.diagnosis.signatures import Scene
 from drake_stiffness.rotations import Array
 
 _BINS = 6
+# A place is told of from five sigma (squared) on, if it has this share of all; so many places at most.
+_VISIBLE, _SHARE, _MOST_PLACES = 25.0, 0.05, 3
 _IMPLAUSIBLE = 1e-3
 
 
@@ -121,20 +123,21 @@ def _time_bins(time: Array) -> NDArray[np.str_]:
 
 
 def in_words(process: Process, rest_per_dof: float, sigma_mm: float) -> str:
-    """Where the remainder lives and of what shape it is, in one sentence."""
-    total = float(process.share.sum())
-    if total < 25 or rest_per_dof < 1.0:
+    """Where the remainder lives and of what shape it is, in one sentence; sigma are those of the noise beside what is explained."""
+    noise = max(process.floor, 1e-12)
+    shares = {name: process.at(name) for name in dict.fromkeys(f.where for f in process.families)}
+    total = sum(shares.values())
+    if total < _VISIBLE * noise or rest_per_dof < noise:
         return "nowhere in particular: the residual looks like noise"
-    places = list(dict.fromkeys(f.where for f in process.families))
-    strong = sorted(places, key=lambda name: -process.at(name))[:2]
     lines = []
-    for name in strong:
-        share = process.at(name)
-        if share < 0.2 * total:
-            continue
+    for name in sorted(shares, key=lambda name: -shares[name])[:_MOST_PLACES]:
+        share = shares[name]
+        if share < max(_VISIBLE * noise, _SHARE * total):
+            break
         rms = float(np.sqrt(share / process.families[0].columns.shape[0] * 3)) * sigma_mm
-        lines.append(f"{name}, {_shape(process, name)}; {rms:.3f} mm rms, {np.sqrt(share):.0f} sigma")
-    rest = "; elsewhere noise" if sum(process.at(n) for n in strong) > 0.9 * total else ""
+        lines.append(f"{name}, {_shape(process, name)}; {rms:.3f} mm rms, {np.sqrt(share / noise):.0f} sigma")
+        total -= share
+    rest = "; elsewhere noise" if lines and total < _VISIBLE * noise else ""
     return (" and ".join(lines) or "spread over several places") + rest
 
 

@@ -20,7 +20,7 @@ MEANING = {
 }
 # Settings of effects that follow from the arm or are conventions; the others were chosen by the search.
 _NEVER_SEARCHED = {
-    *("prismatic", "unit", "scale", "floor", "smooth", "start_s"),
+    *("prismatic", "unit", "scale", "floor", "smooth", "start_s", "variant"),
     *("template", "beam_axis", "length_m", "link", "components", "entries", "combined"),
 }
 
@@ -85,6 +85,11 @@ def show_diagnosis(console: Console, result: Diagnosed) -> None:
 
 def values_in_words(entry: dict[str, Any]) -> str:
     """Parameters that stand out of their uncertainty (all of them where none does or there are few), and searched constants."""
+    if entry.get("derived"):  # the values themselves are conventions
+        return ", ".join(
+            f"{name.replace('_', ' ')} {short(p['value'])} {p['unit']}".removesuffix(" 1")
+            for name, p in entry["derived"].items()
+        )
     parameters = entry["parameters"]
     sure = {n: p for n, p in parameters.items() if p["sigma"] and abs(p["value"]) > 2 * p["sigma"]}
     shown = parameters if len(parameters) <= 3 or not sure else sure
@@ -92,9 +97,6 @@ def values_in_words(entry: dict[str, Any]) -> str:
     if len(shown) < len(parameters):
         words.append(f"({len(parameters) - len(shown)} more)")
     words += [f"{name} {_number(value)} {unit}".rstrip() for name, value, unit in searched(entry)]
-    words += [
-        f"{name} {short(p['value'])} {p['unit']}".removesuffix(" 1") for name, p in entry.get("derived", {}).items()
-    ]
     return ", ".join(words)
 
 

@@ -179,7 +179,8 @@ def _effect(result: Diagnosed, n: Named) -> h.Markup:
     )
     found = shapes(result.diagnosis, n)
     rows = [_unknown(name, p) for name, p in entry["parameters"].items()]
-    rows += [(name, _constant(value), "", "searched, not fitted", unit) for name, value, unit in searched(entry)]
+    how = "searched, at a scale by convention" if entry["derived"] else "searched, not fitted"
+    rows += [(name, _constant(value), "", how, unit) for name, value, unit in searched(entry)]
     rows += [
         (name.replace("_", " "), h.number(p["value"]), "", "whatever the scale of the levers", p["unit"])
         for name, p in entry["derived"].items()
