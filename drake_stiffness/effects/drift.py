@@ -31,7 +31,7 @@ class TrackerDrift(Effect):
     Parameters
     ----------
     start_s : float
-        Time at which t is 0.
+        Time at which t is 0, counted as `Cases.time_s` is: from the first reading of the campaign.
     settling_s : float, optional
         T; None for a steady drift.
     """
