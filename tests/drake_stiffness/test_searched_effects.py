@@ -36,10 +36,15 @@ def test_a_drift_that_settles_late_is_steady_and_an_unknown_time_is_the_start():
     np.testing.assert_allclose(drifted(time, v, settling_s=1e9), drifted(time, v), rtol=1e-5)
 
 
-@pytest.mark.parametrize("T", [0.0, 59.0, -59.0, float("nan")])
+@pytest.mark.parametrize("T", [0.0, 59.0, -59.0, float("nan"), "fast"])
 def test_a_drift_that_settles_at_once_is_refused(T):
-    with pytest.raises(InputError, match="settling_s"):
+    with pytest.raises(InputError, match=r"found settling_s: .*; expected a time of at least 60 s"):
         make_effect("tracker_drift", "tracker", {"settling_s": T})
+
+
+def test_a_form_of_hardening_that_is_not_known_is_not_taken_for_another():
+    with pytest.raises(InputError, match="found form: 'cube'; expected quadratic or cubic"):
+        make_effect("joint_hardening", "joint_2", {"form": "cube"})
 
 
 def test_all_drifts_that_a_search_tries_come_back_from_a_file(arms):
