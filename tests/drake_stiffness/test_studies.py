@@ -242,7 +242,7 @@ def test_every_option_that_names_a_file_to_write_is_known_as_such() -> None:
     inputs = {p.name for several in commands().values() for p in several if p.is_input}
     assert inputs <= {
         *("augment", "campaign", "cell", "deflection", "kinds", "map_file", "measured", "measurements", "model"),
-        *("plan", "process", "program", "sections", "settings", "truth"),
+        *("plan", "process", "program", "sections", "settings", "truth", "with"),
     }
     written = {p.name for several in commands().values() for p in several if p.kind is Path} - inputs
     assert written == set(WRITTEN)
