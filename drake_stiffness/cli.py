@@ -77,7 +77,7 @@ def run(arguments: list[str] | None = None) -> tuple[int, str]:
     try:
         app(arguments)
     except SystemExit as end:  # typer's end of every command
-        return end.code if isinstance(end.code, int) else 0, ""
+        return (end.code, "") if isinstance(end.code, int) else (0 if end.code is None else 1, str(end.code or ""))
     except InputError as error:
         return 2, f"error: {error}"
     except UntrustworthyError as error:

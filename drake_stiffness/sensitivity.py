@@ -125,10 +125,10 @@ class SpringColumns:
         return self._passed_on(np.array(link_jacobian(self.poses, number, self.p)))
 
     def _passed_on(self, out: Array) -> Array:
-        """Columns (p, 6, M) as the instruments pass them on, (M, 6, p)."""
+        """Columns (p, 6, M), or those of the position (p, 3, M), as the instruments pass them on, with the order of axes turned round."""
         if self.turn is not None:
-            out[:, :3] = np.einsum("abm,lbm->lam", self.turn[0], out[:, :3])
-            out[:, 3:] = np.einsum("abm,lbm->lam", self.turn[1], out[:, 3:])
+            for rows, D in zip((slice(0, 3), slice(3, 6))[: out.shape[1] // 3], self.turn, strict=False):
+                out[:, rows] = np.einsum("abm,lbm->lam", D, out[:, rows])
         return out.transpose(2, 1, 0)
 
 

@@ -134,10 +134,9 @@ def _support(evidence: _Evidence | None, gradient: Array) -> Support:
     if evidence is None:
         unknown = np.full((M, 3), np.nan)
         return Support(unknown, np.zeros(M), unknown, unknown, np.full((M, 3, 3), np.nan), unknown)
-    a = np.ascontiguousarray(gradient.transpose(2, 1, 0)).reshape(
-        -1, 3 * M
-    )  # all readings side by side: products are few and long
-    spread = (evidence.root.T @ a).reshape(-1, 3, M)
+    # All readings side by side: products are few and long.
+    a = np.ascontiguousarray(gradient.transpose(2, 1, 0)).reshape(gradient.shape[2], 3 * M)
+    spread = (evidence.root.T @ a).reshape(evidence.root.shape[1], 3, M)
     covariance = np.empty((M, 3, 3))
     for i, j in ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2)):
         covariance[:, i, j] = covariance[:, j, i] = (spread[:, i] * spread[:, j]).sum(axis=0)

@@ -31,7 +31,7 @@ class TrackerDrift(Effect):
     Parameters
     ----------
     start_s : float
-        Time at which t is 0.
+        Time at which t is 0, counted as `Cases.time_s` is: from the first reading of the campaign.
     settling_s : float, optional
         T; None for a steady drift.
     """
@@ -42,7 +42,7 @@ class TrackerDrift(Effect):
 
     def __init__(self, where: str = "tracker", start_s: float = 0.0, settling_s: float | None = None) -> None:
         super().__init__(where)
-        if settling_s is not None and not abs(settling_s) >= _LEAST_S:
+        if settling_s is not None and not (isinstance(settling_s, int | float) and abs(settling_s) >= _LEAST_S):
             raise InputError(
                 f"{self.kind} at '{where}': found settling_s: {settling_s!r}; expected a time of at least {_LEAST_S:g} s (negative for a "
                 "drift that grows), or none for a steady drift."

@@ -73,7 +73,7 @@ class Cases:
     experiment, step : (N,)
         Which experiment, and the order inside it: load history starts afresh with every experiment.
     time_s : (N,)
-        NaN where unknown.
+        Since the first reading of the campaign; NaN where unknown.
     """
 
     q: Array

@@ -128,7 +128,10 @@ class GravityCompensator(Effect):
         return ("spring", "preload")
 
     def derived(self, x: Array) -> dict[str, tuple[float, str]]:
-        """Whatever the scale of the geometry: K_c a L, P L and the ratio of the levers."""
+        """Whatever the scale of the geometry: K_c a L, P L and the ratio of the levers.
+
+        The torque is the same with a and L exchanged: then P a takes the place of P L, and the ratio is its inverse.
+        """
         a = float(np.hypot(*self.anchor_m))
         return {
             "spring_times_levers": (float(x[0]) * a * self.lever_m, "N m"),

@@ -9,6 +9,7 @@ import numpy as np
 
 from drake_stiffness.effects.compliance import ROTATION_SCALE, expect
 from drake_stiffness.effects.effect import Carried, Cases, Effect, Parameter
+from drake_stiffness.errors import InputError
 from drake_stiffness.rotations import Array
 
 if TYPE_CHECKING:
@@ -89,6 +90,8 @@ class JointHardening(JointEffect):
 
     def __init__(self, where: str, prismatic: bool = False, form: Form = "quadratic") -> None:
         super().__init__(where, prismatic)
+        if form not in get_args(Form):
+            raise InputError(f"{self.kind} at '{where}': found form: {form!r}; expected quadratic or cubic.")
         self.form = form
 
     @property

@@ -14,6 +14,8 @@ from drake_stiffness.studies.job import Job
 
 #: Files that belong to a robot program though nothing in it names them.
 _BESIDE = {".src": (".dat", ".DAT"), ".pgx": (".dtx",)}
+# Where a listing of modules stands beside one, they all may belong together.
+_BESIDE |= {".mod": (".pgf",), ".prg": (".pgf",), ".pgf": (".mod", ".prg")}
 _LONGEST_PATH = 1000
 
 

@@ -11,12 +11,15 @@ from plants.gear_mesh import Backlash
 
 from drake_stiffness.diagnosis import suspects
 from drake_stiffness.diagnosis.bench import Bench, Named
+from drake_stiffness.diagnosis.confirmation import held_out
 from drake_stiffness.diagnosis.diagnosis import diagnose
+from drake_stiffness.diagnosis.doubts import unrefuted
 from drake_stiffness.diagnosis.naming import try_all
 from drake_stiffness.diagnosis.search import Search, weighed
 from drake_stiffness.diagnosis.suspects import separate_untestable
 from drake_stiffness.effects import harmonics
 from drake_stiffness.identification import identify
+from drake_stiffness.observation import columns, measured, predicted
 from drake_stiffness.start import starting_model
 from drake_stiffness.task import read_task
 
@@ -42,22 +45,54 @@ def played(plan):
     return run(plan, with_physics(Backlash(0, 1e-4, 50.0, 0.05, 4000.0)))
 
 
-def test_a_name_that_another_makes_needless_goes(tmp_path, played):
-    task = read_task(write(tmp_path, table(played, 1)))
-    o = task.observations(np.ones(12, dtype=bool))
+def named_so(task, who, *names):
+    """A search that has named these, right or wrong, from experiments `who`."""
+    o = task.observations(who)
     base = identify(starting_model(task.model, task.measurements), o)
     able, _ = separate_untestable(suspects.suspects(base.model), base.model, task.measurements, True)
     bench = Bench(base, o, able, 0, lambda text: None)
     first = try_all(bench.left(()), able, 0)
     tested = {t.suspect.name: t for t in (*first.passed, *first.failed)}
-    needless = "joint_mesh_stiffness at joint_1"
-    wanted = [tested[PLAY], tested[needless]]
-    named = tuple(Named(t.effect, t, (), first.level) for t in wanted)
+    named = tuple(Named(tested[name].effect, tested[name], (), first.level) for name in names)
     effects = [n.effect for n in named]
-    found = Search(bench, bench.fit(effects), named, first, first, bench.left(effects), {})
+    return Search(bench, bench.fit(effects), named, first, first, bench.left(effects), {})
+
+
+def test_a_name_that_another_makes_needless_goes(tmp_path, played):
+    needless = "joint_mesh_stiffness at joint_1"
+    found = named_so(read_task(write(tmp_path, table(played, 1))), np.ones(12, dtype=bool), PLAY, needless)
     names = [n.tested.suspect.name for n in weighed(found).named]
     assert names[0] == PLAY
     assert needless not in names
+
+
+def test_a_name_that_unseen_readings_speak_against_goes_alone(tmp_path, plan, played):
+    """Three experiments decide: where they have the play its name stays; where they lack it, it goes."""
+    held = np.isin([f"E{e + 1:02d}" for e in plan.course.experiment], HELD)
+    lacking = replace(played, exact=np.where(held[:, None, None], run(plan).exact, played.exact))
+    for n, done in enumerate((played, lacking)):
+        task = read_task(write(tmp_path / str(n), table(done, 1)))
+        unseen = np.isin(task.measurements.experiments, HELD)
+        found = named_so(task, ~unseen, PLAY)
+        kept, gone = unrefuted(found, task.observations(unseen), 1.0)
+        assert [m.tested.suspect.name for m in kept.named] == ([PLAY] if n == 0 else [])
+        assert list(gone) == ([] if n == 0 else [PLAY])
+        assert kept.solution is found.bench.fit([m.effect for m in kept.named])
+
+
+def test_surprise_is_the_log_density_of_readings_under_noise_and_the_parameters_uncertainty(tmp_path, played):
+    task = read_task(write(tmp_path, table(played, 1)))
+    unseen = np.isin(task.measurements.experiments, HELD)
+    o = task.observations(unseen)
+    found = named_so(task, ~unseen, PLAY)
+    differences = []
+    for solution in (found.bench.base, found.solution):
+        A, half = columns(o, solution.model), solution.identifiability.seen / solution.identifiability.weight
+        V = 4.0 * (np.eye(o.rows) + A @ (half @ half.T) @ A.T)
+        r = measured(o) - predicted(o, solution.model)
+        density = float(r @ np.linalg.solve(V, r)) + np.linalg.slogdet(V)[1]
+        differences.append(held_out(solution, o, 2.0)[0].surprise - density)
+    assert differences[0] == pytest.approx(differences[1], abs=1e-5)
 
 
 @pytest.mark.parametrize("everywhere", [True, False])

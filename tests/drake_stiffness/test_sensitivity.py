@@ -115,3 +115,16 @@ def test_columns_of_errors_of_the_arm_are_differences_of_drake_plants_built_with
             ends.append(Judge(other).positions(cases, points_of(cell), k_joint))
         slope = ((ends[0] - ends[1]) / (2 * h)).transpose(2, 0, 1).reshape(-1, 3)
         assert np.abs(found[:, :, k] - slope).max() < 1e-6 * max(np.abs(slope).max(), 1e-5), k
+
+
+def test_positions_alone_are_the_same_columns_behind_an_instrument(arms, cells):
+    arm, cell = arms["track"], cells["track"]
+    effects = [make_effect("tracker_frame", "tracker"), make_effect("tracker_drift", "tracker")]
+    model = make_model(cell, arm, [*spring_effects(cell, arm), *effects])
+    x = model.x.copy()
+    x[model.slices[-2]] = [1e-3, -2e-3, 5e-4, 0.2, -0.1, 0.3]
+    model = model.with_x(x)
+    cases = plan(arm, cell, 2, np.random.default_rng(2), LOADS)
+    case, point = readings(model, cases)
+    whole = sensitivity(model, cases, case, point)
+    assert np.array_equal(sensitivity(model, cases, case, point, turns=False), whole[:, :3])

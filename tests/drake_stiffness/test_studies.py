@@ -242,7 +242,7 @@ def test_every_option_that_names_a_file_to_write_is_known_as_such() -> None:
     inputs = {p.name for several in commands().values() for p in several if p.is_input}
     assert inputs <= {
         *("augment", "campaign", "cell", "deflection", "kinds", "map_file", "measured", "measurements", "model"),
-        *("plan", "process", "program", "sections", "settings", "truth"),
+        *("plan", "process", "program", "sections", "settings", "truth", "with"),
     }
     written = {p.name for several in commands().values() for p in several if p.kind is Path} - inputs
     assert written == set(WRITTEN)
@@ -253,6 +253,12 @@ def test_a_job_depends_on_the_files_that_its_files_name(folder: Path) -> None:
     (folder / "part.src").write_text("x")
     (folder / "part.dat").write_text("x")
     assert list(named_files(folder / "part.src")) == [folder / "part.dat"]
+    for name in ("main.mod", "points.mod"):
+        (folder / name).write_text("x")
+    assert list(named_files(folder / "main.mod")) == []
+    (folder / "cell.pgf").write_text("<Module>main.mod</Module><Module>points.mod</Module>")
+    assert list(named_files(folder / "main.mod")) == [folder / "cell.pgf"]
+    assert folder / "points.mod" in named_files(folder / "cell.pgf")
     (folder / "bad.yaml").write_text("a: [")
     assert list(named_files(folder / "bad.yaml")) == []
 

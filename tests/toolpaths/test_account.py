@@ -203,6 +203,10 @@ def test_blends_of_the_program_are_held_against_its_steps():
     assert own.limits_mm == (0.0, 0.6)
     (note,) = own.notes()
     assert "20 % of the points the blend depends on speed" in note
+    # From a rounded point to one that is gone to: the blend takes its part of the step at the beginning.
+    assert (
+        Blending(np.array([0.6, 0.0]), float("nan"), np.array([np.nan, 2.0]), np.array([np.nan, 0.1])).within_mm == 0.06
+    )
     stated = Blending(said, 4.0, spacing, change)
     np.testing.assert_array_equal(stated.radius_mm, np.full(5, 4.0))
     assert stated.overlapping == 0.5

@@ -100,6 +100,7 @@ def test_pieces_hold_every_byte_and_every_row_once(long_program):
         "carries_force",
         "refused",
         "feed_mm_per_min",
+        "blend_mm",
         "position_mm",
         "orientation",
         "follows",

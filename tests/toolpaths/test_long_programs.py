@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from drake_stiffness.errors import InputError
 from drake_stiffness.files import write_together
-from toolpaths.account.folding import fold_notes
+from toolpaths.account.folding import _fold_evenness, fold_notes
 from toolpaths.account.tally import Tally, summary_of
 from toolpaths.formats import read_program
 from toolpaths.formats.pieces import pieces
@@ -159,6 +159,20 @@ def test_a_kink_at_the_border_of_two_pieces_is_seen(program, model, tools, tmp_p
     assert told["kink_lines"] == expected["kink_lines"] == [int(found[1].line[1])]
     assert told["largest_mm_per_mm"] == pytest.approx(expected["largest_mm_per_mm"], rel=1e-6)
     assert [note for note in parts.notes if "kink" in note] == [note for note in whole.notes if "kink" in note]
+
+
+def test_a_piece_that_knows_nothing_of_blends_or_steps_hides_none_of_the_others():
+    """A piece with one point has no step, in whatever order the pieces come."""
+    none = float("nan")
+    keys = ("largest_change_within_a_blend_mm", "smallest_blend_radius_mm", "largest_blend_radius_mm")
+    keys += ("share_of_steps_shorter_than_two_blend_radii", "median_spacing_mm")
+    told = {"largest_mm_per_mm": 0.1, "kink_lines": []}
+    one, other = told | dict.fromkeys(keys, none), told | dict.fromkeys(keys, 0.25)
+    for parts in ([one, other], [other, one]):
+        found = _fold_evenness(parts, np.array([1.0, 9.0]))
+        assert [found[key] for key in keys] == [0.25] * 5
+    unknown = _fold_evenness([one, one], np.ones(2))
+    assert all(np.isnan(unknown[key]) for key in keys)
 
 
 def test_a_force_table_is_read_in_step(program, model, tools, tmp_path):

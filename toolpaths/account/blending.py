@@ -48,8 +48,9 @@ class Blending:
 
     @property
     def within_mm(self) -> float:
-        """Largest change of the correction over the part of a step that a blend takes: as much of it may be rounded away."""
-        taken = self.change_per_mm * np.minimum(self.radius_mm, self.spacing_mm)
+        """Largest change of the correction over the part of a step that a blend at either of its ends takes: as much of it may be rounded away."""
+        larger = np.fmax(self.radius_mm, np.roll(self.radius_mm, 1))
+        taken = self.change_per_mm * np.minimum(larger, self.spacing_mm)
         known = taken[np.isfinite(taken)]
         return float(known.max()) if known.size else float("nan")
 

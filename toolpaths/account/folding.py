@@ -225,17 +225,24 @@ def _fold_causes(causes: Sequence[list[dict[str, Any]]], counts: Floats, deflect
 
 
 def _fold_evenness(parts: Sequence[dict[str, Any]], counts: Floats) -> dict[str, Any]:
+    def of(key: str) -> Floats:
+        """What is known of it: a piece of one point, or without a blend radius, knows nothing of some keys."""
+        values = np.array([part[key] for part in parts], dtype=float)
+        return values if np.isnan(values).all() else values[np.isfinite(values)]
+
     def mean(key: str) -> float:
-        return float(np.average([part[key] for part in parts], weights=counts))
+        values = np.array([part[key] for part in parts], dtype=float)
+        known = np.isfinite(values)
+        return float(np.average(values[known], weights=counts[known])) if known.any() else float("nan")
 
     return {
         **parts[0],
         "largest_mm_per_mm": max(part["largest_mm_per_mm"] for part in parts),
         "median_spacing_mm": mean("median_spacing_mm"),
         "kink_lines": [line for part in parts for line in part["kink_lines"]],
-        "largest_change_within_a_blend_mm": max(part["largest_change_within_a_blend_mm"] for part in parts),
-        "smallest_blend_radius_mm": min(part["smallest_blend_radius_mm"] for part in parts),
-        "largest_blend_radius_mm": max(part["largest_blend_radius_mm"] for part in parts),
+        "largest_change_within_a_blend_mm": float(of("largest_change_within_a_blend_mm").max()),
+        "smallest_blend_radius_mm": float(of("smallest_blend_radius_mm").min()),
+        "largest_blend_radius_mm": float(of("largest_blend_radius_mm").max()),
         **{key: mean(key) for key in parts[0] if key.startswith("share_of_")},
     }
 
