@@ -249,7 +249,7 @@ def _confirm(
     beyond = hint(found.left)
     verdict = judge(found, outliers, before, after, ratio, yard)
     if verdict in ("consistent", "explained"):
-        verdict = with_doubts(verdict, found, _lost(passed, withdrawn, by_chance), beyond.sure or bool(sticking))
+        verdict = with_doubts(verdict, found, _lost(passed, withdrawn, by_chance), beyond.sure, bool(sticking))
     if verdict in ("partly_explained", "unexplained") and beyond.words:
         words = (words[0], f"{words[1]}; {beyond.words}")
     if verdict == "unexplained":

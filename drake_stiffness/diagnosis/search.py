@@ -103,7 +103,7 @@ def search(bench: Bench, known: Sequence[Named] = (), barred: frozenset[str] = f
         doubtful = any(_alike(n.tested, chosen) for n in named)
         named.append(joined)
         if doubtful:
-            named = _hold_up_again(bench, named, faults)
+            named = _hold_up_again(bench, named, barred | set(faults))
     effects = effects_of(named)
     return Search(bench, bench.fit(effects), tuple(named), first, last, bench.left(effects), faults)
 
@@ -176,11 +176,11 @@ def _names(named: Sequence[Named]) -> set[str]:
     return {n.tested.suspect.name for n in named}
 
 
-def _hold_up_again(bench: Bench, named: list[Named], faults: dict[str, str]) -> list[Named]:
+def _hold_up_again(bench: Bench, named: list[Named], barred: frozenset[str]) -> list[Named]:
     """Take every earlier effect out in turn; what is then most convincing takes its place, or nothing if nothing passes."""
     for old in list(named[:-1]):
         rest = [n for n in named if n is not old]
-        around = bench.round(effects_of(rest), _names(rest) | set(faults))
+        around = bench.round(effects_of(rest), _names(rest) | barred)
         best = most_convincing(around.passed, bench.left(effects_of(rest)))
         if best is None:
             named = rest

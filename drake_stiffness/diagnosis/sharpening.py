@@ -8,6 +8,7 @@ import numpy as np
 
 from drake_stiffness.diagnosis.evidence import basis_of
 from drake_stiffness.effects import Effect
+from drake_stiffness.errors import InputError, UntrustworthyError
 from drake_stiffness.identification import Solution
 from drake_stiffness.observation import Observations, columns, measured, predicted
 
@@ -34,7 +35,10 @@ def sharpened(solution: Solution, o: Observations, effect: Effect) -> Effect:
 
     def rest(other: Effect) -> float:
         effects = tuple(other if e is effect else e for e in model.effects)
-        r = y - predicted(o, replace(model, effects=effects, statistics=None))
+        try:
+            r = y - predicted(o, replace(model, effects=effects, statistics=None))
+        except (InputError, UntrustworthyError):
+            return np.inf
         return float(r @ r) - float(np.sum((Q.T @ r) ** 2))
 
     best, left, tried = effect, rest(effect), 0

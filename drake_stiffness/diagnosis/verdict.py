@@ -34,7 +34,7 @@ def judge(
     return "partly_explained" if closed >= _PARTLY else "unexplained"
 
 
-def with_doubts(verdict: Verdict, found: Search, lost: float, unnamed: bool) -> Verdict:
+def with_doubts(verdict: Verdict, found: Search, lost: float, unnamed: bool, sticking: bool) -> Verdict:
     """The same where something is there under a name that did not stand, or under none.
 
     Beside a far stronger name it may be what that one's form misses.
@@ -44,12 +44,14 @@ def with_doubts(verdict: Verdict, found: Search, lost: float, unnamed: bool) -> 
     lost : float
         What the strongest name that did not stand had explained, squared sigma.
     unnamed : bool
-        Whether a form that the catalogue lacks is there for sure, or held-out readings stick out.
+        Whether a form that the catalogue lacks is there for sure.
+    sticking : bool
+        Whether a held-out experiment sticks out of what the others say.
     """
     if not found.named:
-        return "unexplained" if lost or unnamed else verdict
+        return "unexplained" if lost or unnamed or sticking else verdict
     strongest = max(n.tested.explained for n in found.named)
-    return "partly_explained" if lost > _MISSED * strongest else verdict
+    return "partly_explained" if sticking or lost > _MISSED * strongest else verdict
 
 
 def p_of_fit(left: Remaining, noise_ratio: float) -> float:

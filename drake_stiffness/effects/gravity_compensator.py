@@ -128,15 +128,16 @@ class GravityCompensator(Effect):
         return ("spring", "preload")
 
     def derived(self, x: Array) -> dict[str, tuple[float, str]]:
-        """Whatever the scale of the geometry: K_c a L, P L and the ratio of the levers.
+        """Whatever the scale of the geometry, and whichever end is the farther one: K_c a L, P sqrt(a L), and the longer lever over the shorter.
 
-        The torque is the same with a and L exchanged: then P a takes the place of P L, and the ratio is its inverse.
+        The torque is the same with a and L exchanged, and with both times c, K_c over c^2 and P over c.
         """
         a = float(np.hypot(*self.anchor_m))
+        levers = a * self.lever_m
         return {
-            "spring_times_levers": (float(x[0]) * a * self.lever_m, "N m"),
-            "preload_times_lever": (float(x[1]) * self.lever_m, "N m"),
-            "lever_over_anchor": (self.lever_m / a, "1"),
+            "spring_times_levers": (float(x[0]) * levers, "N m"),
+            "preload_times_root_of_levers": (float(x[1]) * float(np.sqrt(levers)), "N m"),
+            "longer_over_shorter_lever": (max(a, self.lever_m) / min(a, self.lever_m), "1"),
         }
 
     def check(self, arm: Arm, points: Mapping[str, object]) -> None:
