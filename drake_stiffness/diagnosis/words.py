@@ -92,7 +92,9 @@ def values_in_words(entry: dict[str, Any]) -> str:
     if len(shown) < len(parameters):
         words.append(f"({len(parameters) - len(shown)} more)")
     words += [f"{name} {_number(value)} {unit}".rstrip() for name, value, unit in searched(entry)]
-    words += [f"{name} {short(p['value'])} {p['unit']}".removesuffix(" 1") for name, p in entry.get("derived", {}).items()]
+    words += [
+        f"{name} {short(p['value'])} {p['unit']}".removesuffix(" 1") for name, p in entry.get("derived", {}).items()
+    ]
     return ", ".join(words)
 
 
