@@ -192,6 +192,8 @@ def recheck_document(found: Recheck, stored: Model) -> dict[str, Any]:
 def _why(t: Tested, found: Recheck) -> str:
     if found.changes and found.verdict == "explained" and found.last.level > t.p_value:
         return f"would explain some of the little that is left (p = {t.p_value:.2g}), but the gap is closed without it"
+    if found.verdict == "unexplained" and found.last.level > t.p_value:
+        return f"would explain a little (p = {t.p_value:.2g}), but nearly all of the gap would be left: no answer"
     return why_not(t, found.last.level, len(found.changes))
 
 

@@ -18,7 +18,7 @@ MEANING = {
     "consistent": "the model is still true: these readings are within its uncertainty and the noise",
     "explained": "the model is no longer true; the changes below close the gap",
     "partly_explained": "the model is no longer true; the changes below close a part of the gap",
-    "unexplained": "the model is no longer true, and no single known change says why",
+    "unexplained": "the model is no longer true, and no known change says why",
 }
 # So many values of an effect on the terminal, and in a sentence.
 _LINES, _IN_A_SENTENCE = 4, 2
@@ -51,8 +51,8 @@ class ThenAndNow:
 
     @property
     def share(self) -> float | None:
-        """The change as a share of what was stored; None where that is not known well enough, or where the sign changed."""
-        if not self.then or not self.sigma_then or abs(self.then) < _SURE * self.sigma_then or self.then * self.now < 0:
+        """The change as a share of what was stored; None where that is not known well enough, or where either is negative."""
+        if not self.then or not self.sigma_then or self.then < _SURE * self.sigma_then or self.now < 0:
             return None
         return self.now / self.then - 1.0
 

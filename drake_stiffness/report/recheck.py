@@ -83,7 +83,7 @@ def answer(result: Rechecked) -> str:
     if found.changes:
         parts += [f"{_sentence(change_words(e))}{_class_words(e)}." for e in result.document["effects"]]
     else:
-        parts.append("No single effect that is known, changed or new, says why.")
+        parts.append("No effect that is known, changed or new, says why.")
     parts.append(read)
     if found.changes:
         held = f"; {h.length(found.after.rms_mm)} for every posture by the others" if found.after else ""
@@ -218,7 +218,9 @@ def _change(result: Rechecked, change: Change, entry: dict[str, Any]) -> h.Marku
     whose = "the effect" if change.appeared else "its change"
     many = f" The {MOST} surest of {len(values)} values." if len(values) > MOST else ""
     several = (
-        " Of values of one unit the change since then is drawn." if len(values) > 1 and not change.appeared else ""
+        " Where several values have one unit, their change since then is drawn."
+        if len(values) > 1 and not change.appeared
+        else ""
     )
     return h.section(
         f"{entry['change'].capitalize()}: {entry['kind'].replace('_', ' ')} at {entry['where']}",

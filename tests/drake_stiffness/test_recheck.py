@@ -14,7 +14,7 @@ from typer.testing import CliRunner
 from drake_stiffness.cli import app
 from drake_stiffness.diagnosis.prior import prior_root, with_prior
 from drake_stiffness.diagnosis.recheck import recheck
-from drake_stiffness.diagnosis.recheck_job import recheck_campaign
+from drake_stiffness.diagnosis.recheck_job import recheck_campaign, recheck_document
 from drake_stiffness.diagnosis.recheck_words import change_words, strongest, then_and_now
 from drake_stiffness.errors import InputError
 from drake_stiffness.jobs import identify_campaign
@@ -22,6 +22,7 @@ from drake_stiffness.model import load_model
 from drake_stiffness.observation import measured, observe, predicted
 from drake_stiffness.report.diagnosis_shape import shapes_between
 from drake_stiffness.report.recheck import recheck_report
+from drake_stiffness.report.recheck_next import next_steps
 from drake_stiffness.report.recheck_plots import then_and_now_figure
 from drake_stiffness.task import read_task
 
@@ -201,10 +202,26 @@ def test_of_many_values_the_surest_changes_are_said_and_the_others_counted():
     assert [v.name for v in strongest(values, 3)] == ["cos_9", "sin_11", "sin_10"]
     assert strongest(values, 12) == values
     assert then_and_now_figure(values).startswith("data:image/svg+xml")
-    # A value that nothing is known of has no share, and no certainty.
+    # A negative value has no share, and one that nothing is known of has no share, and no certainty.
     entry["parameters"] = {"k": value(1e-4, 2e-4) | {"sigma_then": None, "sigma": None}}
     (loose,) = then_and_now(entry)
     assert (loose.share, loose.sure) == (None, 0.0)
+
+
+def test_what_leaves_nearly_all_of_the_gap_is_no_answer(stored, same):
+    """The flange moved by 0.1 mm at random at every step: something always passes its test, and none of it is true."""
+    task, model = read_task(same), load_model(stored)
+    exact = run(draw(5, 2)).exact
+    shaken = exact + np.random.default_rng(5).normal(scale=6e-5, size=(exact.shape[0], 1, 3))
+    m = replace(task.measurements, position=shaken.reshape(-1, 3))
+    found = recheck(model, [], m, observe(m, True, task.campaign.noise), 0, lambda text: None)
+    assert (found.verdict, found.changes) == ("unexplained", ())
+    assert found.first.passed
+    document = recheck_document(found, model)
+    assert any("nearly all of the gap would be left" in entry["why"] for entry in document["rejected"])
+    steps = " ".join(next_steps({**document, "recheck": {"postures": 3}}))
+    for words in ("Measure a whole campaign", "Measure at least 4 postures", "Not answered here"):
+        assert words in steps
 
 
 def test_an_arm_that_carries_nothing_shows_no_change_of_a_spring(stored, same):
