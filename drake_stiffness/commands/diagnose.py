@@ -44,7 +44,7 @@ def diagnose(
 
     use_kinds(kinds)
     if fixed:
-        _recheck(campaign, output, model, json, report)
+        _recheck(campaign, output, model, json, report, scene)
         return
     check_outputs(output, json, report, scene, inputs=(*jobs.files_of_campaign(campaign), *([model] if model else [])))
     with working() as progress:
@@ -64,18 +64,31 @@ def diagnose(
     show_diagnosis(console(), result)
 
 
-def _recheck(campaign: Path, output: Path | None, model: Path | None, json: Path | None, report: Path | None) -> None:
+def _recheck(
+    campaign: Path, output: Path | None, model: Path | None, json: Path | None, report: Path | None, scene: Path | None
+) -> None:
     """Hold a stored model against a short campaign."""
     from drake_stiffness import jobs
-    from drake_stiffness.diagnosis.recheck_job import recheck_campaign, show_recheck
+    from drake_stiffness.diagnosis.recheck_job import recheck_campaign
+    from drake_stiffness.diagnosis.recheck_words import show_recheck
     from drake_stiffness.errors import InputError
 
     if model is None:
         raise InputError("--fixed asks whether a stored model is still true: name it with --model MODEL.json.")
-    if report is not None:
-        raise InputError("--report: a recheck has no page; take --json, or leave --fixed out for a whole diagnosis.")
-    check_outputs(output, json, inputs=(*jobs.files_of_campaign(campaign), model))
+    check_outputs(output, json, report, scene, inputs=(*jobs.files_of_campaign(campaign), model))
     with working() as progress:
         result = recheck_campaign(campaign, model, progress)
-    write((output, json_of(result.model.to_dict())), (json, json_of(result.document)))
+    page = None
+    if report is not None:
+        from drake_stiffness.report.recheck import recheck_report
+
+        page = recheck_report(result)
+    space = None
+    if scene is not None:
+        from drake_stiffness.report.diagnosis_scene import scene_between
+
+        found = result.recheck
+        space = scene_between(found.left.scene.model, found.settled.model, found.left.scene.o)
+    model_text, document = json_of(result.model.to_dict()), json_of(result.document)
+    write((output, model_text), (json, document), (report, page), (scene, space))
     show_recheck(console(), result)

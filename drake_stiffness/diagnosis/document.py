@@ -119,7 +119,7 @@ def _rejected(d: Diagnosis) -> list[dict[str, Any]]:
     ]
     named = {n.tested.suspect.name for n in d.search.named}
     out += [
-        {"kind": t.suspect.kind, "where": t.suspect.where, "why": _why(t, d)}
+        {"kind": t.suspect.kind, "where": t.suspect.where, "why": why_not(t, d.search.last.level, len(d.search.named))}
         for t in [*d.search.last.passed, *d.search.last.failed]
         if t.suspect.name not in named and t.suspect.name not in d.withdrawn and not isinstance(t.suspect, Further)
     ]
@@ -140,12 +140,13 @@ def _rejected(d: Diagnosis) -> list[dict[str, Any]]:
     return out
 
 
-def _why(t: Tested, d: Diagnosis) -> str:
-    if t.p_value >= d.search.last.level:
-        return f"explains no more than noise does (p = {t.p_value:.2g}, needed {d.search.last.level:.1g})"
+def why_not(t: Tested, level: float, named: int) -> str:
+    """Why a suspect lost beside so many named effects."""
+    if t.p_value >= level:
+        return f"explains no more than noise does (p = {t.p_value:.2g}, needed {level:.1g})"
     if t.gain <= 0:
         return f"does not predict unseen experiments better (cross-validated gain {t.gain:.3g})"
-    if len(d.search.named) >= MOST_EFFECTS:
+    if named >= MOST_EFFECTS:
         return f"would gain {t.gain:.3g}, but more effects than are named were never told apart"
     return (
         f"would gain {t.gain:.3g}, but beside what is named it is not beyond doubt (p = {t.p_value:.2g}), or it is what the form of a "

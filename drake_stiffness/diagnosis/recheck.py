@@ -22,8 +22,10 @@ from drake_stiffness.diagnosis.prior import Changed, Settled, WithPrior, prior_r
 from drake_stiffness.diagnosis.search import MOST_EFFECTS, may_join, most_convincing
 from drake_stiffness.diagnosis.signatures import extended
 from drake_stiffness.diagnosis.suspects import Suspect, Untestable, separate_untestable, suspects
+from drake_stiffness.effects import Effect
 from drake_stiffness.effects.compliance import Spring
 from drake_stiffness.hold_out import posture_groups
+from drake_stiffness.identifiability import HIDDEN_BELOW
 from drake_stiffness.model import Model
 from drake_stiffness.observation import Observations, measured, predicted
 from drake_stiffness.rotations import Array
@@ -35,6 +37,7 @@ FEWEST_TO_LEAVE_OUT = 4
 # All readings together, and all suspects together: half of the error rate each.
 _LEVEL = 0.005
 _EXPLAINED, _PARTLY = 0.9, 0.1
+_NOTHING_SHOWN = "readings that depend on it"
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,7 +79,8 @@ class Recheck:
         Values of now, changes included.
     changes : tuple of Change
         Strongest first.
-    last : Round
+    first, last : Round
+        Before anything was named, and after the changes.
     untestable : list of Untestable
     left, left_after : WithPrior
         Before and after the changes.
@@ -94,6 +98,7 @@ class Recheck:
     verdict: Literal["consistent", "explained", "partly_explained", "unexplained"]
     settled: Settled
     changes: tuple[Change, ...]
+    first: Round
     last: Round
     untestable: list[Untestable]
     left: WithPrior
@@ -127,14 +132,22 @@ def recheck(
     left = with_prior(_anew(model, start, free), o, root, free)
     testable, untestable = _suspects(left, fresh, m)
     postures = int(np.unique(posture_groups(m.cases)).size)
-    changes, after, last, found = _search(left, testable, seed, postures, progress)
+    changes, after, first, last, found = _search(left, testable, seed, postures, progress)
+    verdict = _judge(left, after, changes)
+    if verdict == "unexplained":
+        # What passes its test and leaves nearly all of the gap soaks up a little of something else: it is no answer.
+        changes, after, last, found = [], left, first, found[:, :0]
     named = {c.named.tested.suspect.name for c in changes}
-    unnamed = [s for s in testable if s.name not in named]
+    tried = {t.suspect.name for t in (*last.passed, *last.failed)} | set(last.faults)
+    hidden = [s for s in testable if s.name not in named | tried and _hidden(left, s.variants)]
+    untestable += [Untestable(s.kind, s.where, _NOTHING_SHOWN) for s in hidden]
+    unnamed = [s for s in testable if s.name not in named and s not in hidden]
     settled = _settle(left.scene.model, o, root, free, changes)
     return Recheck(
-        verdict=_judge(left, after, changes),
+        verdict=verdict,
         settled=settled,
         changes=tuple(changes),
+        first=first,
         last=last,
         untestable=untestable,
         left=left,
@@ -173,14 +186,20 @@ def _suspects(left: WithPrior, fresh: Sequence[int], m: Measurements) -> tuple[l
     springless = model.subset([not isinstance(e, Spring) for e in model.effects])
     testable, untestable = separate_untestable(found + suspects(model), springless, m, left.scene.o.displacement)
     blind = [s for s in testable if isinstance(s.variants[0], Changed) and not left.rest(s.variants[0]).any()]
-    untestable += [Untestable(s.kind, s.where, "readings that depend on it") for s in blind]
+    untestable += [Untestable(s.kind, s.where, _NOTHING_SHOWN) for s in blind]
     return [s for s in testable if s not in blind], untestable
+
+
+def _hidden(left: WithPrior, variants: Sequence[Effect]) -> bool:
+    """Whether these readings hide an effect of any usual size: a joint that carries nothing shows no compliance, whatever the
+    pattern of the nothing that it carries."""
+    return all(float(np.linalg.norm(left.columns_of(v))) < HIDDEN_BELOW for v in variants)
 
 
 def _search(
     left: WithPrior, able: list[Suspect], seed: int, postures: int, progress: Callable[[str], None]
-) -> tuple[list[Change], WithPrior, Round, Array]:
-    """Changes one after the other until nothing passes; what they leave, the last round, and their columns side by side."""
+) -> tuple[list[Change], WithPrior, Round, Round, Array]:
+    """Changes one after the other until nothing passes; what they leave, the first and the last round, and their columns side by side."""
     changes: list[Change] = []
     rests = [np.zeros((left.r.size, 0))]
     places = len(left.scene.model.effects)
@@ -192,6 +211,7 @@ def _search(
         trying = [s for s in able if s.name not in barred and s.makes_sense_beside(present)]
         progress(f"trying {sum(len(s.variants) for s in trying)} variants of {len(trying)} suspects")
         last = try_all(left, trying, seed)
+        last = replace(last, passed=[t for t in last.passed if not _hidden(left, [t.effect])])
         if postures < ENOUGH_POSTURES:
             last = _by_p_value(last)
         first = first or last
@@ -199,7 +219,7 @@ def _search(
         # A few postures hold no more: what is left of a gap that is closed may be what the first name's form misses.
         closed = bool(changes) and _closed(whole, left) >= _EXPLAINED
         if chosen is None or closed or len(changes) == MOST_EFFECTS:
-            return changes, left, last, np.hstack(rests)
+            return changes, left, first, last, np.hstack(rests)
         change = _change(left, chosen, last, places)
         places += change.appeared
         effect = change.named.effect

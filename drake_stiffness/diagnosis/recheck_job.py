@@ -5,14 +5,16 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from drake_stiffness.diagnosis.diagnosis import task_seed
-from drake_stiffness.diagnosis.document import FORMAT
+from drake_stiffness.diagnosis.document import FORMAT, why_not
 from drake_stiffness.diagnosis.evidence import Tested
-from drake_stiffness.diagnosis.locate import by_part
+from drake_stiffness.diagnosis.generic import fit_process
+from drake_stiffness.diagnosis.locate import by_part, in_words
+from drake_stiffness.diagnosis.prior import WithPrior
 from drake_stiffness.diagnosis.recheck import FEWEST_TO_LEAVE_OUT, Change, Recheck, recheck
 from drake_stiffness.diagnosis.signatures import extended
 from drake_stiffness.effects.instruments import TrackerFrame
@@ -22,9 +24,6 @@ from drake_stiffness.model import Model, Statistics, load_model
 from drake_stiffness.observation import measured, observe, predicted
 from drake_stiffness.start import starting_model
 from drake_stiffness.task import Task, quiet, read_task
-
-if TYPE_CHECKING:
-    from rich.console import Console
 
 # A standard deviation below this, in units of scale, is rounding: the readings do not move the parameter.
 _ROUNDING = 1e-9
@@ -168,6 +167,7 @@ def recheck_document(found: Recheck, stored: Model) -> dict[str, Any]:
             "held_out_p_value_after": None if after is None else after.p_value,
         },
         "where": {part: [vars(place) for place in places] for part, places in where.items()},
+        "where_in_words": {"before": _where_in_words(left), "after": _where_in_words(found.left_after)},
         "rejected": [
             {"kind": t.suspect.kind, "where": t.suspect.where, "why": _why(t, found)}
             for t in [*found.last.passed, *found.last.failed]
@@ -190,9 +190,20 @@ def recheck_document(found: Recheck, stored: Model) -> dict[str, Any]:
 
 
 def _why(t: Tested, found: Recheck) -> str:
-    if t.p_value >= found.last.level:
-        return f"explains no more than noise does (p = {t.p_value:.2g}, needed {found.last.level:.1g})"
-    return f"does not predict unseen postures better (gain {t.gain:.3g})"
+    if found.changes and found.verdict == "explained" and found.last.level > t.p_value:
+        return f"would explain some of the little that is left (p = {t.p_value:.2g}), but the gap is closed without it"
+    if found.verdict == "unexplained" and found.last.level > t.p_value:
+        return f"would explain a little (p = {t.p_value:.2g}), but nearly all of the gap would be left: no answer"
+    return why_not(t, found.last.level, len(found.changes))
+
+
+def _where_in_words(left: WithPrior) -> str:
+    """Where what a model leaves lives, and of what shape it is."""
+    process = fit_process(left, np.zeros((left.scene.model.x.size, 0)))
+    # Of few postures the families of one joint overlap; together they explain no more than there is.
+    beyond = max(float(left.r @ left.r) - left.dof, 0.0)
+    share = process.share * min(1.0, beyond / max(float(process.share.sum()), 1e-300))
+    return in_words(replace(process, share=share), left.per_dof, left.scene.o.sigma_p * 1e3)
 
 
 def _entry(change: Change, found: Recheck, stored: Model) -> dict[str, Any]:
@@ -224,44 +235,3 @@ def _entry(change: Change, found: Recheck, stored: Model) -> dict[str, Any]:
         },
         "confounded_with": [{"kind": t.suspect.kind, "where": t.suspect.where} for t in named.confounded],
     }
-
-
-def show_recheck(console: Console, result: Rechecked) -> None:
-    """For people; everything is in `--json`."""
-    found, document = result.recheck, result.document
-    still = {
-        "consistent": "the model is still true: these readings are within its uncertainty and the noise",
-        "explained": "the model is no longer true; the changes below close the gap",
-        "partly_explained": "the model is no longer true; the changes below close a part of the gap",
-        "unexplained": "the model is no longer true, and no single known change says why",
-    }
-    console.print(f"Verdict: {found.verdict} - {still[found.verdict]}.")
-    for entry in document["effects"]:
-        others = ", ".join(f"{c['kind']} at {c['where']}" for c in entry["confounded_with"])
-        beside = f"; cannot be told from {others}" if others else ""
-        console.print(
-            f"{entry['kind']} at {entry['where']} {entry['change']} ({entry['evidence']['sigma']:.1f} sigma{beside}):"
-        )
-        for name, p in entry["parameters"].items():
-            console.print(f"  {name}: {_then(p)}now {p['value']:.4g}{_spread(p['sigma'])} {p['unit']}")
-    gap, before = document["gap"], found.before
-    console.print(
-        f"{found.postures} postures: {before.rms_mm:.4f} mm rms by the stored model (noise {gap['noise_shown_rms_mm']:.4f}), chi-square per "
-        f"degree of freedom {before.chi2_per_dof:.3g}, p = {before.p_value:.2g}; held out: {document['recheck']['held_out']}."
-    )
-    if found.noise_ratio > 1:
-        console.print(
-            f"! The stored model's own campaign showed {found.noise_ratio:.2g} times its stated noise; readings are held against that."
-        )
-
-
-def _then(p: dict[str, Any]) -> str:
-    if "value_then" not in p:
-        return ""
-    if p["sigma_then"] is None:
-        return f"then {p['value_then']:.4g} (not determined by itself), "
-    return f"then {p['value_then']:.4g}{_spread(p['sigma_then'])}, "
-
-
-def _spread(sigma: float | None) -> str:
-    return "" if sigma is None else f" +- {sigma:.2g}"

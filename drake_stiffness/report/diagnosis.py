@@ -12,14 +12,24 @@ from drake_stiffness.diagnosis.words import MEANING, effect_words, p_words, sear
 from drake_stiffness.intervals.interval import read_as
 from drake_stiffness.report import diagnosis_plots as plots
 from drake_stiffness.report import page as h
-from drake_stiffness.report.diagnosis_arm import arrows_figure, residual_arrows
-from drake_stiffness.report.diagnosis_evidence import next_section, ruled_out_section, suspects_section
+from drake_stiffness.report.diagnosis_arm import arm_section
+from drake_stiffness.report.diagnosis_evidence import fates, next_section, ruled_out_section, suspects_section
 from drake_stiffness.report.diagnosis_shape import shapes
 from drake_stiffness.report.notes import provenance
 
 if TYPE_CHECKING:
     from drake_stiffness.diagnosis.bench import Named
     from drake_stiffness.diagnosis.job import Diagnosed
+
+SHAPE_CAPTION = (
+    "what the readings show of it (grey: the same plus what remains). Middle and right: what is left without and with the named "
+    "effects. A level cloud around zero is noise."
+)
+WHERE_CAPTION = (
+    "readings in units of the stated noise (root of chi-square per degree of freedom), parted in every way. One bar far above the others "
+    "says where to look; bars that are all alike say that the cause is elsewhere."
+)
+_REFITTED = "after the model's own parameters had been refitted"
 
 
 def diagnosis_report(result: Diagnosed) -> str:
@@ -36,7 +46,7 @@ def diagnosis_report(result: Diagnosed) -> str:
         A self-contained HTML page.
     """
     made = result.model.provenance
-    name = made.get("inputs", {}).get("campaign", {}).get("file", result.task.path.name)
+    name, d = made.get("inputs", {}).get("campaign", {}).get("file", result.task.path.name), result.diagnosis
     return h.page(
         f"Diagnosis of {name}",
         f"{result.task.campaign.measurements}, cell {result.task.campaign.cell}. Where model and measurement disagree, and why.",
@@ -46,9 +56,11 @@ def diagnosis_report(result: Diagnosed) -> str:
         _gap(result),
         *(_effect(result, n) for n in result.diagnosis.search.named),
         _where(result),
-        _arm(result),
-        suspects_section(result),
-        ruled_out_section(result),
+        arm_section(d.search.base.model, d.search.solution.model, d.observations),
+        suspects_section(
+            d.search.first, fates(d.search.named, d.withdrawn), result.document["rejected"], "the base model", _REFITTED
+        ),
+        ruled_out_section(result.document),
         next_section(result.document["next_experiment"]),
         provenance(made, result.model.fit, level=2),
         footer=f"Made by {made.get('program', 'drake-stiffness')}.",
@@ -180,7 +192,7 @@ def _effect(result: Diagnosed, n: Named) -> h.Markup:
     found = shapes(result.diagnosis, n)
     rows = [_unknown(name, p) for name, p in entry["parameters"].items()]
     how = "searched, at a scale by convention" if entry["derived"] else "searched, not fitted"
-    rows += [(name, _constant(value), "", how, unit) for name, value, unit in searched(entry)]
+    rows += [(name, constant(value), "", how, unit) for name, value, unit in searched(entry)]
     rows += [
         (name.replace("_", " "), h.number(p["value"]), "", "whatever the scale of the levers", p["unit"])
         for name, p in entry["derived"].items()
@@ -199,13 +211,12 @@ def _effect(result: Diagnosed, n: Named) -> h.Markup:
         )
     return h.section(
         f"Missing: {entry['kind'].replace('_', ' ')} at {entry['where']}",
-        _class(entry),
+        class_part(entry),
         h.table(("unknown", "value", "sigma", "95 %", "unit"), rows, align="lrrll"),
         h.bullets(lines),
         h.figure(
             plots.shape_figure(found),
-            "Each dot is a load step. Left: what the effect does in the model (black) and what the readings show of it (grey: the same plus "
-            "what remains). Middle and right: what is left without and with the named effects. A level cloud around zero is noise.",
+            f"Each dot is a load step. Left: what the effect does in the model (black) and {SHAPE_CAPTION}",
             f"Residual against what explains it, {entry['kind']} at {entry['where']}",
         ),
     )
@@ -214,20 +225,26 @@ def _effect(result: Diagnosed, n: Named) -> h.Markup:
 def _unknown(name: str, p: dict[str, Any]) -> tuple[str, ...]:
     """A row: value, sigma and interval in units that people read."""
     factor, unit = read_as(p["unit"])
-    value, sigma = p["value"] * factor, p["sigma"]
+    sigma = p["sigma"] * factor if p["sigma"] else None
+    return name, h.number(p["value"] * factor), h.number(sigma, 2), interval_words(p["value"] * factor, sigma), unit
+
+
+def interval_words(value: float, sigma: float | None, digits: int = 3) -> str:
+    """The 95 % interval of a value."""
     if not sigma or sigma != sigma:
-        return name, h.number(value), h.UNKNOWN, "not determined by itself", unit
-    ends = (value - 1.96 * sigma * factor, value + 1.96 * sigma * factor)
-    return name, h.number(value), h.number(sigma * factor, 2), " .. ".join(h.number(end) for end in ends), unit
+        return "not determined by itself"
+    return " .. ".join(h.number(value + side * 1.96 * sigma, digits) for side in (-1, 1))
 
 
-def _constant(value: object) -> str:
+def constant(value: object) -> str:
+    """A constant of an effect as people read it."""
     if isinstance(value, list | tuple):
-        return ", ".join(_constant(v) for v in value)
+        return ", ".join(constant(v) for v in value)
     return h.number(value) if isinstance(value, float) else str(value)
 
 
-def _class(entry: dict[str, Any]) -> h.Markup:
+def class_part(entry: dict[str, Any]) -> h.Markup:
+    """What this campaign cannot tell a named effect from."""
     others = [f"{c['kind']} at {c['where']}" for c in entry["confounded_with"]]
     if not others:
         return h.paragraph("This campaign tells it from every other suspect.")
@@ -250,22 +267,7 @@ def _where(result: Diagnosed) -> h.Markup:
         h.paragraph(text),
         h.figure(
             plots.where_figure(d.where, after),
-            "Fitted readings in units of the stated noise (root of chi-square per degree of freedom), parted in every way. One bar far above "
-            "the others says where to look; bars that are all alike say that the cause is elsewhere.",
+            f"Fitted {WHERE_CAPTION}",
             "Residuals by joint, direction, level, branch, point, step, time and experiment",
-        ),
-    )
-
-
-def _arm(result: Diagnosed) -> h.Markup:
-    d = result.diagnosis
-    found = residual_arrows(d.search.base.model, d.search.solution.model, d.observations)
-    return h.section(
-        "The arm",
-        h.figure(
-            arrows_figure(found, d.search.solution.model),
-            f"Residuals as arrows, {found.magnified:g} times magnified: orange before, blue after. Left: the arm in experiment {found.experiment}, which "
-            "fits the base model worst. Right: every experiment's worst step.",
-            "The arm in 3-D with residual arrows",
         ),
     )

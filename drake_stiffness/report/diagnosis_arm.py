@@ -13,6 +13,7 @@ from drake_stiffness.arm import forward
 from drake_stiffness.model import Model
 from drake_stiffness.observation import Observations, residual_m
 from drake_stiffness.report import figures as f
+from drake_stiffness.report import page as h
 from drake_stiffness.report.arm_picture import draw_arm
 from drake_stiffness.rotations import Array
 from drake_stiffness.simulation import simulate_readings
@@ -48,6 +49,20 @@ class Arrows:
     q: Array
     of_worst: NDArray[np.bool_]
     worst_steps: NDArray[np.bool_]
+
+
+def arm_section(before: Model, after: Model, o: Observations, about: str = "") -> h.Markup:
+    """The part of a page that shows the residuals of two models on the arm; `about` is what the two are."""
+    found = residual_arrows(before, after, o)
+    return h.section(
+        "The arm",
+        h.figure(
+            arrows_figure(found, after),
+            f"Residuals as arrows, {found.magnified:g} times magnified: orange before, blue after{about}. Left: the arm in experiment "
+            f"{found.experiment}, which fits worst before. Right: every experiment's worst step.",
+            "The arm in 3-D with residual arrows",
+        ),
+    )
 
 
 def residual_arrows(before: Model, after: Model, o: Observations) -> Arrows:

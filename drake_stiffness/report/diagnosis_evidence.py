@@ -17,21 +17,36 @@ from drake_stiffness.report import diagnosis_plots as plots
 from drake_stiffness.report import page as h
 
 if TYPE_CHECKING:
-    from drake_stiffness.diagnosis.diagnosis import Diagnosis
-    from drake_stiffness.diagnosis.job import Diagnosed
+    from drake_stiffness.diagnosis.bench import Named
+    from drake_stiffness.diagnosis.naming import Round
 
 _MOST = 15
 
 
-def suspects_section(result: Diagnosed) -> h.Markup:
-    """The strongest suspects against the base model, and what became of each."""
-    d = result.diagnosis
-    first = d.search.first
+def suspects_section(
+    first: Round,
+    fate: Mapping[str, tuple[str, str]],
+    rejected: Sequence[Mapping[str, Any]],
+    against: str,
+    how: str,
+) -> h.Markup:
+    """The strongest suspects before anything was named, and what became of each.
+
+    Parameters
+    ----------
+    first : Round
+        All of them against the model that lacks what is named.
+    fate : dict of name to state and reason
+        Of those that were not simply rejected.
+    rejected : list of dict
+        As in `diagnosis.json`.
+    against, how : str
+        What they were tried against, and how, in words.
+    """
     ranked = sorted([*first.passed, *first.failed], key=lambda t: -t.explained)[:_MOST]
     if not ranked:
         return h.section("Suspects", h.paragraph("There was nothing to try: too few readings are left over."))
-    fate = _fates(d)
-    reason = {(e["kind"], e["where"]): e["why"] for e in result.document["rejected"]}
+    reason = {(e["kind"], e["where"]): e["why"] for e in rejected}
     names = [t.suspect.name for t in ranked]
     sigma = np.sqrt([max(t.explained, 0.0) for t in ranked])
     rows = []
@@ -41,8 +56,8 @@ def suspects_section(result: Diagnosed) -> h.Markup:
         rows.append((t.suspect.name, h.number(s), p_words(t.p_value).removeprefix("p = "), gain, state, why))
     tried = len(first.passed) + len(first.failed)
     text = (
-        f"{tried} suspects were tried against the base model, each after the model's own parameters had been refitted. An effect that is "
-        "really there lends others some of its signature, so many explain something at first; once the named ones are in the model, "
+        f"{tried} suspects were tried against {against}, each {how}. An effect that is really "
+        "there lends others some of its signature, so many explain something at first; once the named ones are in the model, "
         "the rest is asked again. Last column: why a suspect lost then."
     )
     header = ("suspect", "sigma at first", "p", "gain", "fate", "why")
@@ -52,34 +67,33 @@ def suspects_section(result: Diagnosed) -> h.Markup:
         h.paragraph(text),
         h.figure(
             plots.ranking_figure(names, sigma, state_of),
-            f"The {len(ranked)} strongest suspects by what they explain of the base model's residual.",
+            f"The {len(ranked)} strongest suspects by what they explain of what {against} leaves.",
             "Ranking of suspects",
         ),
         h.table(header, rows, align="lrrrll"),
     )
 
 
-def _fates(d: Diagnosis) -> dict[str, tuple[str, str]]:
+def fates(named: Sequence[Named], withdrawn: Mapping[str, str]) -> dict[str, tuple[str, str]]:
     """What became of suspects that were not simply rejected, by name."""
-    out = {name: ("withdrawn", why) for name, why in d.withdrawn.items()}
-    for n in d.search.named:
+    out = {name: ("withdrawn", why) for name, why in withdrawn.items()}
+    for n in named:
         for t in n.confounded:
             what = f"this campaign cannot tell it from {n.tested.suspect.name}"
             out.setdefault(t.suspect.name, ("cannot be told from a named one", what))
-    out |= {n.tested.suspect.name: ("named", "in the model") for n in d.search.named}
+    out |= {n.tested.suspect.name: ("named", "in the model") for n in named}
     return out
 
 
-def ruled_out_section(result: Diagnosed) -> h.Markup:
-    """What is not there, as far as this campaign shows, and what it could not have shown."""
-    d = result.diagnosis
-    classes = {(t.suspect.kind, t.suspect.where) for n in d.search.named for t in n.confounded}
+def ruled_out_section(document: Mapping[str, Any], about: str = "") -> h.Markup:
+    """What is not there, as far as this campaign shows, and what it could not have shown, by the content of `diagnosis.json`."""
+    classes = {(c["kind"], c["where"]) for entry in document["effects"] for c in entry["confounded_with"]}
     places: dict[str, list[str]] = defaultdict(list)
-    for entry in result.document["rejected"]:
+    for entry in document["rejected"]:
         if (entry["kind"], entry["where"]) not in classes and not entry["why"].startswith("could not be tried"):
             places[entry["kind"]].append(entry["where"])
     limits: dict[str, list[Mapping[str, Any]]] = defaultdict(list)
-    for limit in result.document["not_detectable_above"]:
+    for limit in document["not_detectable_above"]:
         limits[limit["kind"]].append(limit)
     rows = [(kind, *_limits(limits[kind]), _places(own)) for kind, own in sorted(places.items())]
     header = ("kind", "found above, µm rms", "that is", "tried at")
@@ -87,10 +101,10 @@ def ruled_out_section(result: Diagnosed) -> h.Markup:
         h.paragraph(
             "Tried with the named effects in the model, and not needed: nothing that noise would not do as well. Absent means below what "
             "this campaign can see: an effect of the stated size (the displacement it makes, at the best and at the worst place) would "
-            "have been found nine times in ten."
+            f"have been found nine times in ten.{about}"
         ),
         h.table(header, rows, align="lrll") if rows else h.paragraph("Nothing was tried."),
-        h.section("Untestable", _untestable(result.document["untestable"]), level=3),
+        h.section("Untestable", _untestable(document["untestable"]), level=3),
     ]
     return h.section("Ruled out", *parts)
 

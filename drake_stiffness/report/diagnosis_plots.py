@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from textwrap import fill
 from typing import Any
 
 import numpy as np
@@ -26,30 +27,43 @@ PARTS = {
 }
 # So many experiments, the worst; so many of any other part, in their own order.
 _WORST, _MOST = 10, 20
+# So many letters of an axis label in a row; three panels stand side by side.
+_LABEL = 44
 _BEHIND = {"facecolor": "white", "edgecolor": "none", "pad": 1.0, "alpha": 0.8}
 
 
 def gap_figure(gap: dict[str, Any], changed: bool) -> str:
     """Bars before and after (one bar where nothing changed), of fitted and held-out readings, and what noise alone leaves."""
-    made, ax = f.new(2.3 if changed else 1.7)
-    rows = (
-        ("fitted readings", "before_rms_mm", "after_rms_mm"),
-        ("held-out readings", "held_out_before_rms_mm", "held_out_after_rms_mm"),
-    )
-    top = max(gap[key] for _, *keys in rows for key in keys)
-    for place, (_, before, after) in enumerate(rows):
-        bars = ((-0.2, before, BEFORE, "before"), (0.2, after, AFTER, "after"))
-        for shift, key, colour, name in bars if changed else ((0.0, after, AFTER, "model"),):
-            label = name if place == 0 else None
-            ax.barh(place + shift, gap[key], height=0.36, color=colour, label=label)
-            ax.text(gap[key] + 0.008 * top, place + shift, f"{gap[key]:.4f}", va="center", fontsize=10, bbox=_BEHIND)
-    ax.axvline(gap["noise_rms_mm"], color=f.INK, linewidth=1.4, linestyle="--", label="stated noise")
-    if gap["noise_implausible"]:
-        ax.axvline(gap["noise_shown_rms_mm"], color=f.PURPLE, linewidth=1.4, linestyle=":", label="noise the data show")
-    ax.set_yticks(range(len(rows)), [name for name, *_ in rows])
+    rows = {
+        "fitted readings": (gap["before_rms_mm"] if changed else None, gap["after_rms_mm"]),
+        "held-out readings": (gap["held_out_before_rms_mm"] if changed else None, gap["held_out_after_rms_mm"]),
+    }
+    shown = gap["noise_shown_rms_mm"] if gap["noise_implausible"] else None
+    return gap_bars(rows, gap["noise_rms_mm"], shown, "noise the data show")
+
+
+def gap_bars(
+    rows: Mapping[str, tuple[float | None, float | None]], noise: float, other_noise: float | None, other_name: str
+) -> str:
+    """A bar before and a bar after for every kind of readings, rms in mm, beside the noise; None where there is no such bar."""
+    twice = any(before is not None and after is not None for before, after in rows.values())
+    made, ax = f.new(1.1 + (0.6 if twice else 0.3) * len(rows))
+    top = max(v for pair in rows.values() for v in pair if v is not None)
+    one = any(before is not None for before, _ in rows.values())
+    labels = {BEFORE: "before", AFTER: "after" if one else "model"}
+    for place, (before, after) in enumerate(rows.values()):
+        apart = 0.2 if before is not None and after is not None else 0.0
+        for shift, value, colour in ((-apart, before, BEFORE), (apart, after, AFTER)):
+            if value is not None:
+                ax.barh(place + shift, value, height=0.36, color=colour, label=labels.pop(colour, None))
+                ax.text(value + 0.008 * top, place + shift, f"{value:.4f}", va="center", fontsize=10, bbox=_BEHIND)
+    ax.axvline(noise, color=f.INK, linewidth=1.4, linestyle="--", label="stated noise")
+    if other_noise is not None:
+        ax.axvline(other_noise, color=f.PURPLE, linewidth=1.4, linestyle=":", label=other_name)
+    ax.set_yticks(range(len(rows)), list(rows))
     ax.invert_yaxis()
     ax.grid(axis="y", visible=False)
-    ax.set_xlim(0, 1.1 * top)
+    ax.set_xlim(0, 1.1 * max(top, noise, other_noise or 0.0))
     ax.set_xlabel("residual, 3-D rms, mm")
     f.legend(ax)
     return f.uri(made)
@@ -118,11 +132,11 @@ def shape_figure(found: Sequence[Shape]) -> str:
         half = 1.08 * float(np.nanmax(np.abs(residuals), initial=1e-9))
         for ax, title in zip(row, ("the effect", "left before", "left after"), strict=True):
             ax.set_title(title, loc="left")
-            ax.set_xlabel(f.plain(shape.driver), fontsize=9)
+            ax.set_xlabel(fill(f.plain(shape.driver), _LABEL), fontsize=9)
             ax.axhline(0.0, color=f.INK, linewidth=0.7)
         for ax in row[1:]:
             ax.set_ylim(-half, half)
-        row[0].set_ylabel(f.plain(shape.quantity), fontsize=9)
+        row[0].set_ylabel(fill(f.plain(shape.quantity), _LABEL), fontsize=9)
     axes[0][0].legend(fontsize=7.5, handletextpad=0.2, borderpad=0.3, framealpha=0.7)
     return f.uri(made, many=sum(s.x.size for s in found) > f.MANY)
 
@@ -151,6 +165,6 @@ def ranking_figure(names: Sequence[str], sigma: f.Floats, state: Sequence[str]) 
     ax.set_yticks(rows, [f.plain(f.shortened(name, 44)) for name in names], fontsize=9)
     ax.set_ylim(len(names) - 0.4, -0.6)
     ax.grid(axis="y", visible=False)
-    ax.set_xlabel("explains of the base model's residual, sigma")
+    ax.set_xlabel("explains of the residual at first, sigma")
     f.legend(ax, bbox_to_anchor=(0.0, 1.0))
     return f.uri(made)

@@ -5,6 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from drake_stiffness.diagnosis.diagnosis import Diagnosis
+from drake_stiffness.model import Model
+from drake_stiffness.observation import Observations
 from drake_stiffness.plant import start_viewer
 from drake_stiffness.report.diagnosis_arm import residual_arrows
 from drake_stiffness.report.solids import Mesh, arm_solids, arrow, together
@@ -14,6 +16,11 @@ _BEFORE, _AFTER = (0.84, 0.37, 0.0), (0.0, 0.45, 0.7)
 
 
 def scene_html(d: Diagnosis) -> str:
+    """The scene of a diagnosis, see `scene_between`."""
+    return scene_between(d.search.base.model, d.search.solution.model, d.observations)
+
+
+def scene_between(before: Model, after: Model, o: Observations) -> str:
     """The arm in the experiment that fits worst, residuals before (orange) and after (blue) as arrows; parts can be hidden.
 
     Returns
@@ -21,9 +28,8 @@ def scene_html(d: Diagnosis) -> str:
     str
         A self-contained page.
     """
-    model = d.search.solution.model
-    found = residual_arrows(d.search.base.model, model, d.observations)
-    solids, chain, size = arm_solids(model.arm, found.q, model.tcp[1])
+    found = residual_arrows(before, after, o)
+    solids, chain, size = arm_solids(after.arm, found.q, after.tcp[1])
     viewer = start_viewer()
 
     def add(name: str, meshes: list[Mesh], colour: tuple[float, float, float]) -> None:

@@ -53,30 +53,64 @@ class Shape:
 
 
 def shapes(d: Diagnosis, n: Named) -> list[Shape]:
-    """The pictures that show one named effect: a joint each, or the three axes of the tracker, or the steps themselves."""
-    o, final = d.observations, d.search.solution.model
+    """The pictures that show one named effect of a diagnosis."""
+    return shapes_between(d.observations, d.search.base.model, d.search.solution.model, n.effect)
+
+
+def shapes_between(
+    o: Observations, base: Model, final: Model, effect: Effect, then: Array | None = None
+) -> list[Shape]:
+    """The pictures that show what one effect takes away between two models: a joint each, or the three axes of the tracker, or the steps themselves.
+
+    Parameters
+    ----------
+    base, final : Model
+        Without and with the named effects.
+    effect : Effect
+        Of `final`.
+    then : (p,), optional
+        Its values in `base`, where it only changed: its change is shown.
+    """
     scene = Scene(final, o)
-    before, after = residual_m(o, d.search.base.model), residual_m(o, final)
-    itself = residual_m(o, without_effect(final, n.effect)) - after
-    places = n.effect.where.split("+")
+    before, after = residual_m(o, base), residual_m(o, final)
+    other = without_effect(final, effect) if then is None else with_values(final, effect, then)
+    itself = residual_m(o, other) - after
+    places = effect.where.split("+")
     joints = [i for i, name in enumerate(final.arm.joint_names) if name in places]
     if joints:
-        return [_of_joint(scene, n.effect, i, joints, before, after, itself) for i in joints]
-    if "time" in n.effect.needs:
+        return [_of_joint(scene, effect, i, joints, before, after, itself, then) for i in joints]
+    if "time" in effect.needs:
         return [_of_axis(scene, axis, before, after, itself) for axis in range(3)]
     return [_of_steps(o, before, after, itself)]
 
 
 def without_effect(model: Model, effect: Effect) -> Model:
     """The same values without one effect."""
-    place = next(i for i, e in enumerate(model.effects) if e is effect)
-    own = model.slices[place]
+    own = model.slices[_place(model, effect)]
     rest = tuple(e for e in model.effects if e is not effect)
     return replace(model, effects=rest, x=np.delete(model.x, own), statistics=None)
 
 
+def with_values(model: Model, effect: Effect, values: Array) -> Model:
+    """The same model with other values of one effect."""
+    x = model.x.copy()
+    x[model.slices[_place(model, effect)]] = values
+    return replace(model, x=x, statistics=None)
+
+
+def _place(model: Model, effect: Effect) -> int:
+    return next(i for i, e in enumerate(model.effects) if e is effect)
+
+
 def _of_joint(
-    scene: Scene, effect: Effect, i: int, joints: list[int], before: Array, after: Array, itself: Array
+    scene: Scene,
+    effect: Effect,
+    i: int,
+    joints: list[int],
+    before: Array,
+    after: Array,
+    itself: Array,
+    then: Array | None,
 ) -> Shape:
     arm = scene.model.arm
     name, slides = arm.joint_names[i], bool(arm.prismatic[i])
@@ -84,7 +118,7 @@ def _of_joint(
     partner = next((k for k in joints if k != i), i)
     driver, x, per = _driver(scene, effect, partner)
     # What runs with time has an offset of its own in every experiment, which displacements do not show.
-    own = None if "time" in effect.needs else effect_deflection(scene, effect, i)
+    own = None if "time" in effect.needs else effect_deflection(scene, effect, i, then)
     parts = np.stack([project(before), project(after), project(itself) if own is None else own]) * 1e6
     unit, quantity = ("µm" if slides else "µrad"), f"deflection of {name}"
     branch = None
@@ -98,13 +132,16 @@ def _of_joint(
     return Shape(f"{quantity}, {unit}", driver, x, parts[0], parts[1], parts[2], branch)
 
 
-def effect_deflection(scene: Scene, effect: Effect, i: int) -> Array | None:
-    """(N,) what an effect that deflects joints does to joint i in the model; None for other effects."""
+def effect_deflection(scene: Scene, effect: Effect, i: int, then: Array | None = None) -> Array | None:
+    """(N,) what an effect that deflects joints does to joint i in the model, beyond what it did with the values `then`; None for
+    other effects."""
     if type(effect).deflection is Effect.deflection:
         return None
-    place = next(k for k, e in enumerate(scene.model.effects) if e is effect)
-    turned = effect.deflection(scene.model.structure.arm, scene.carried, scene.cases, scene.model.values[place])
-    return turned.get(i)
+    arm, now = scene.model.structure.arm, scene.model.values[_place(scene.model, effect)]
+    turned = effect.deflection(arm, scene.carried, scene.cases, now).get(i)
+    if turned is None or then is None:
+        return turned
+    return turned - effect.deflection(arm, scene.carried, scene.cases, then)[i]
 
 
 def _driver(scene: Scene, effect: Effect, i: int) -> tuple[str, Array, Array | None]:
