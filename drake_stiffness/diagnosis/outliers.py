@@ -82,19 +82,24 @@ def find_outlier(left: Remaining, best_gain: float, noise_ratio: float) -> Outli
             shift = np.tile(np.eye(3), (here.size // 3, 1))
             steps += _tests(left, here, f"{name}:{m.cases.step[c]}", total, shift)
         sure = [s for s in steps if s.p_value * tests < _LEVEL]
-        most = max((w.excess for w in whole), default=0.0)
-        # One bad step is named as such when it alone makes most of what its experiment has too much.
-        if sure and (best := max(sure, key=lambda s: s.excess)).excess > 0.7 * most:
+        most = max(whole, key=lambda w: w.excess, default=None)
+        # One bad step is named as such when it alone makes most of what its experiment has too much, or more for its few unknowns.
+        best = max(sure, key=_worth, default=None)
+        if best is not None and (most is None or best.excess > 0.7 * most.excess or _worth(best) > _worth(most)):
             found.append(best)
         else:
             found += [w for w in whole if w.p_value * tests < _LEVEL]
     if not found:
         return None
-    # What a mistake of few unknowns explains counts for more than what many numbers of one's own do.
-    best = max(found, key=lambda f: f.excess - f.unknowns)
+    best = max(found, key=_worth)
     # Both in units of the stated noise: what the outlier has too much, and what is too much in all.
     enough = max(_SHARE * beyond, best_gain * left.per_dof)
     return best if best.excess * best.noise >= enough else None
+
+
+def _worth(outlier: Outlier) -> float:
+    """What a mistake of few unknowns explains counts for more than what many numbers of one's own do."""
+    return outlier.excess - outlier.unknowns
 
 
 def _mistakes(left: Remaining) -> Array:

@@ -23,6 +23,8 @@ from drake_stiffness.rotations import Array, rotate_back
 _RELAXATIONS, _STEP_S = (0.5, 1.0, 2.0, 5.0, 15.0, 50.0), 25.0
 # How fast something warms up, in units of the campaign's length.
 _WARMINGS = (0.03, 0.1, 0.3, 1.0)
+# Shares of the largest moment from which a foot may lift off.
+_LIFTS_OFF = (0.2, 0.4, 0.6, 0.8)
 # Changes (m, rad) whose effect is linear.
 _SMALL = 1e-5
 
@@ -151,18 +153,22 @@ def crept(tau: Array, elapsed: Array, scene: Scene, relaxation_s: float) -> Arra
 
 
 def _at_the_foot(scene: Scene) -> Iterator[Stranger]:
-    """A foot that tilts more the more it is loaded, or to one side: bolts that give, a floor that lifts off."""
+    """A foot that tilts more the more it is loaded, or past a load, or to one side: bolts that give, a floor that lifts off."""
     columns, case = scene.spring_columns, scene.o.measurements.case
     carried, moves = columns.tau_link[0], columns.moves(0)
     assert carried is not None
     moment = carried[3:5, case]
-    for how, driven in (
-        ("more under more load", moment * np.linalg.norm(moment, axis=0)),
-        ("more to one side than to the other", np.abs(moment) * np.abs(moment).max()),
-    ):
-        size = max(float(np.abs(driven).max()), 1e-12)
-        change = moves[:, :, 3:5] * (driven.T / size * _SMALL)[:, None]
-        yield Stranger(f"the base tilts {how}", (whitened(scene.o, change),))
+    size = np.linalg.norm(moment, axis=0)
+    largest = max(float(size.max(initial=0.0)), 1e-12)
+    past = [np.maximum(size - at * largest, 0.0) for at in _LIFTS_OFF]
+    more = [moment * size, *(moment * p / np.maximum(size, 1e-12) for p in past)]
+
+    def tilted(driven: Array) -> Array:
+        unit = max(float(np.abs(driven).max(initial=0.0)), 1e-12)
+        return whitened(scene.o, moves[:, :, 3:5] * (driven.T / unit * _SMALL)[:, None])
+
+    yield Stranger("the base tilts more under more load", tuple(tilted(driven) for driven in more))
+    yield Stranger("the base tilts more to one side than to the other", (tilted(np.abs(moment)),))
 
 
 def _in_links(scene: Scene) -> Iterator[Stranger]:
