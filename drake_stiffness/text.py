@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from rich.console import Console
@@ -167,7 +167,8 @@ def show_compensation(console: Console, result: Compensation, output: Path | Non
     console.print(f"Not in it: {', '.join(d['residual_interval_mm']['lacks'])}.")
     causes = [c for c in d["causes"] if np.isfinite(c["share"]) and abs(c["share"]) >= 0.005]
     shares = ", ".join(
-        f"{c['where'] or c['kind']}{'' if c['told_apart'] else '*'} {100 * c['share']:.0f} %" for c in causes
+        f"{name}{'' if c['told_apart'] else '*'} {100 * c['share']:.0f} %"
+        for name, c in zip(names_of(causes), causes, strict=True)
     )
     if shares:
         merged = " (* known in sums only)" if any(not c["told_apart"] for c in d["causes"]) else ""
@@ -189,3 +190,12 @@ def show_compensation(console: Console, result: Compensation, output: Path | Non
         )
     for note in result.notes[:20]:
         console.print(f"! {note}", markup=False)
+
+
+def names_of(causes: list[dict[str, Any]]) -> list[str]:
+    """What bends the tool aside, by place; where a place stands twice (a joint's spring and its friction) with its kind."""
+    places = [cause["where"] for cause in causes]
+    return [
+        f"{where} ({cause['kind'].replace('_', ' ')})" if where and places.count(where) > 1 else where or cause["kind"]
+        for where, cause in zip(places, causes, strict=True)
+    ]

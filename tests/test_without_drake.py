@@ -95,6 +95,20 @@ def test_compensate_runs_without_eaik_too(folder, tmp_path):
     assert with_eaik[0].read_bytes() == without[0].read_bytes()
 
 
+def test_no_reader_cutter_or_probe_needs_what_is_absent(folder):
+    """Every module of toolpaths, and the commands that shops use beside `compensate` itself."""
+    everything = (
+        "import pkgutil, importlib, toolpaths\n"
+        "found = [m.name for m in pkgutil.walk_packages(toolpaths.__path__, 'toolpaths.')]\n"
+        "print(len([importlib.import_module(name) for name in found]))\n"
+    )
+    result = python(BLOCK.format(blocked=(*ABSENT, "pyarrow", "eaik")) + everything, cwd=folder)
+    assert int(result.stdout) > 80, result.stderr
+    stiffness = ("map", "--model", "model.json", "--process", "process.yaml", "--step-mm", 600, "-o", "map.csv")
+    result = run(*stiffness, cwd=folder)
+    assert result.returncode == 0, result.stderr
+
+
 @pytest.mark.parametrize(
     ("arguments", "blocked", "says"),
     [

@@ -136,7 +136,7 @@ def _depth_gain(program: Program, bench: Bench, rows: NDArray[np.int_], q: Float
         fail(
             program,
             rows[gain >= 1.0],
-            f"where arm and cut drive each other: the force changes with the depth of cut by up to {gain.max():.2g} times what the arm "
+            f"where arm and cut drive each other: the force changes with the depth of cut by up to {gain.max():.4g} times what the arm "
             "gives back (less than 1 is needed). Cut less deep or with less feed",
         )
     return gain

@@ -12,7 +12,7 @@ equilibrium as everywhere.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -39,6 +39,8 @@ _REACH, _SAME_BRANCH = 2, 1.2
 _RESTLESS = 1e-2
 # The margin kept from singularities is wider than what a path as programmed is held to.
 _MARGIN = 0.02
+# The turn keeps so far from joint limits: the correction that follows moves joints too.
+_LIMIT_MARGIN = np.radians(1.0)
 # Less than this share of the mean deflection is not worth another orientation.
 _WORTH = 0.01
 _ATTEMPTS = 6
@@ -149,12 +151,15 @@ class Ride:
             out[part] = 1e3 * np.linalg.norm(move[:, :3], axis=1)
         return out
 
-    def postures(self, angle: Floats) -> tuple[Floats, Bools]:
-        """Joints (n, N) with the tool turned, and where they are sound: reached, inside limits, off singularities."""
+    def postures(self, angle: Floats, margin: float = 0.0) -> tuple[Floats, Bools]:
+        """Joints (n, N) with the tool turned, and where they are sound: reached, inside limits by a margin, off singularities."""
         found = along_path(self.arm, *self.flange(self.turned(angle)), self.start, self.given, self.flips)
         sound = found.reached.copy()
         q = np.where(found.reached, found.q, 0.0)
-        sound[[row for row, _ in outside_limits(self.arm, q)]] = False
+        keep = np.zeros(self.arm.num_joints)
+        keep[found.free] = margin
+        narrow = replace(self.arm, lower=self.arm.lower + keep, upper=self.arm.upper - keep)
+        sound[[row for row, _ in outside_limits(narrow, q)]] = False
         sound &= singularity_margin(self.arm, q) > _MARGIN
         return found.q, sound
 
@@ -191,7 +196,7 @@ def stiffest(ride: Ride) -> Spin:
                 none, kept, kept, "the tool was not turned: no smooth sequence of turns keeps the arm inside its limits"
             )
         angle = _between(s, knots, _GRID[steps])
-        q_turned, good = ride.postures(angle)
+        q_turned, good = ride.postures(angle, _LIMIT_MARGIN)
         if good.all():
             chosen = ride.deflection_mm(q_turned, ride.load(angle))
             if chosen.mean() >= (1 - _WORTH) * kept.mean():
@@ -235,7 +240,7 @@ def _nodes(ride: Ride, solver: SixAxes, q: Floats, knots: NDArray[np.int_]) -> t
     base, _ = driven(arm, ride.start, given, rows.size)
     branches = solver.branches(*ride.flange(ride.turned(angle, rows), rows), base)
     side = np.repeat(sides_of(arm, free, q[:, knots]), S, axis=1)
-    lower, upper = arm.lower[free, None], arm.upper[free, None]
+    lower, upper = arm.lower[free, None] + _LIMIT_MARGIN, arm.upper[free, None] - _LIMIT_MARGIN
     able = np.zeros(rows.size, dtype=bool)
     joints = base.copy()
     for b in range(branches.shape[1]):

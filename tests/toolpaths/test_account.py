@@ -56,8 +56,9 @@ def test_an_interval_of_a_length_holds_what_a_gaussian_gives(off):
     m = off * np.array([0.6, 0.0, 0.8])
     drawn = np.linalg.norm(m + rng.normal(size=(100_000, 3)) @ A.T, axis=1)
     low, high = length_interval(m[None], (A @ A.T)[None])
-    assert (drawn > high).mean() == pytest.approx(0.025, abs=0.004)
-    assert (drawn < low).mean() <= 0.026
+    below = 0.025 if low[0] > 0 else 0.0  # nothing is shorter than nothing, so the upper end may have all five percent
+    assert (drawn > high).mean() == pytest.approx(0.05 - below, abs=0.004)
+    assert (drawn < low).mean() <= below * 1.05
 
 
 def test_without_any_doubt_an_interval_is_the_residual_itself():
@@ -73,13 +74,13 @@ def test_arms_drawn_from_the_covariance_stay_in_the_interval(short, known, proce
     result = job.compensate(short, model, stated)
     path, rng, inside = result.path, np.random.default_rng(3), []
     q = mirror(path.bench, path.postures.q, path.wrench, path.only, path.postures.free).q
-    for _ in range(30):
+    for _ in range(100):
         x = model.x + 0.02 * np.abs(model.x) * rng.normal(size=model.x.size)
         other = bench_of(model.with_x(x), "unloaded", False)
         p = other.actual(q, path.wrench * (1 + 0.1 * rng.normal()))[1]
         length = np.linalg.norm(p.T - path.p, axis=1) * 1e3
         inside.append(((length >= result.account.interval.low_mm) & (length <= result.account.interval.high_mm)).mean())
-    assert 0.88 < np.mean(inside) < 1.0
+    assert 0.9 < np.mean(inside) < 0.975
     parts = result.to_dict()["residual_interval_mm"]["sigma_parts_mm"]
     assert parts["force"]["mean"] == pytest.approx(0.1 * result.before_mm.mean(), rel=0.01)
 

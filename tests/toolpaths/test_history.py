@@ -12,6 +12,7 @@ from drake_stiffness.effects.effect import Cases
 from drake_stiffness.effects.hysteresis import JointHysteresis
 from drake_stiffness.effects.transmission import JointBacklash
 from drake_stiffness.equilibrium import solve_equilibrium
+from drake_stiffness.text import names_of
 from toolpaths import job
 from toolpaths.history import begins, path_order
 
@@ -143,4 +144,6 @@ def test_what_an_effect_other_than_a_spring_bends_has_a_share_of_its_own(correct
     causes = {(c["kind"], c["where"]): c for c in corrected.to_dict()["causes"]}
     assert abs(causes[("joint_hysteresis", "joint_1")]["mean_mm"]) > 0.02
     assert sum(c["share"] for c in causes.values()) == pytest.approx(1.0)
+    names = names_of(corrected.to_dict()["causes"])
+    assert {"joint_1 (joint hysteresis)", "joint_1 (joint compliance)", "joint_2", "second order"} <= set(names)
     assert abs(causes[("second order", "")]["share"]) < 0.01

@@ -2,6 +2,9 @@
 
 import numpy as np
 import pytest
+from contract import holds_contract
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from pydantic import ValidationError
 from scipy.spatial.transform import Rotation
 
@@ -135,3 +138,35 @@ def test_a_rotary_word_that_no_line_has_written_yet_is_not_known():
     assert found.convention.words == ("A", "B", "C")
     five = program(b"G1 X0 Y0 Z0 A0 C0\nG43.4 H1\nX1 A5\n")
     assert "Y, Z not written here and not known: G43.4 in line 2" in five.refusals[0].reason
+
+
+class FiveAxes:
+    """G-code as a process reads it that says what A and C are."""
+
+    def parse(self, raw, path, others=()):
+        return declare(GCode().parse(raw, path, others), RotaryAxes(rotary="AC"), path)
+
+
+@st.composite
+def five_axis_programs(draw):
+    """Text whose lines write all five words, and the spans of the numbers of feed moves."""
+    text, spans = "", []
+    for _ in range(draw(st.integers(1, 6))):
+        feed, blank = draw(st.booleans()), draw(st.sampled_from(["", " "]))
+        text += draw(st.sampled_from(["", "N10 ", "(A9 C9) ", "; A1\n"])) + ("G1" if feed else "G0")
+        for word in draw(st.permutations("XYZAC")):
+            sign, decimals = draw(st.sampled_from(["", "-"])), draw(st.sampled_from(["", ".", ".5", ".2500", ".12345"]))
+            token = f"{sign}{draw(st.integers(0, 170))}{decimals}"
+            text += " " + word + blank
+            spans += [(len(text), len(text) + len(token))] if feed else []
+            text += token
+        text += draw(st.sampled_from([" F200", ""])) + draw(st.sampled_from(["\n", "\r\n"]))
+    return text, spans
+
+
+@settings(max_examples=25, deadline=None)
+@given(five_axis_programs(), st.integers(0, 2**32 - 1))
+def test_generated_five_axis_programs_keep_every_byte_that_is_no_number_of_a_pose(generated, seed):
+    text, movable = generated
+    program, _ = holds_contract(FiveAxes(), text.encode("latin-1"), movable, seed)
+    assert program.carries_force.sum() * 5 == len(movable)

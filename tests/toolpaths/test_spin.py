@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -81,6 +83,19 @@ def test_the_turned_path_is_smooth_and_sound(ridden, model):
     assert singularity_margin(model.arm, q).min() > 0.01
     assert np.abs(np.diff(q, axis=1)).max() < 0.3
     assert np.degrees(np.abs(np.diff(turned.spin.angle_rad))).max() < 25
+
+
+def test_the_turn_keeps_off_limits_because_the_correction_moves_joints_too(ridden, model, cut):
+    """A limit a fifth of a degree beyond where the turned path would go."""
+    program, kept, turned = ridden
+    room = turned.postures.q.max(axis=1) - kept.postures.q.max(axis=1)
+    joint = int(np.argmax(room))
+    upper = model.arm.upper.copy()
+    upper[joint] = turned.postures.q[joint].max() + np.radians(0.2)
+    narrow = replace(model, arm=replace(model.arm, upper=upper))
+    found = loaded_path(program, narrow, cut, silent, "stiffest")
+    assert np.abs(found.spin.angle_rad).max() > 0.1
+    assert np.degrees(upper[joint] - found.postures.q[joint].max()) > 0.99
 
 
 def test_the_printed_program_has_the_turn_and_only_the_turn(model, cut, ridden):

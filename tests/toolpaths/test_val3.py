@@ -3,6 +3,8 @@
 import numpy as np
 import pytest
 from contract import holds_contract
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from drake_stiffness.errors import InputError
 from toolpaths.formats import DIALECTS, read_program
@@ -73,21 +75,33 @@ def test_the_numbers_that_change_are_in_the_data_file():
     ).replace(b"500.000", b"500.250")
 
 
-@pytest.mark.parametrize("seed", range(4))
-def test_the_contract_holds_over_both_files(seed):
+number = st.tuples(
+    st.sampled_from(["", "-", "+"]), st.integers(0, 999), st.sampled_from(["", ".", ".5", ".250", ".123456"])
+)
+
+
+@settings(max_examples=25, deadline=None)
+@given(st.lists(number, min_size=12, max_size=12), st.integers(0, 2**32 - 1))
+def test_the_contract_holds_over_both_files(numbers, seed):
     program_file = code(
         "movel(p[0],tMill,mSpeed)",
         "movej(p[2],tMill,mSpeed)",
         'put("movel(p[2],tMill,mSpeed)")',
         "movec(p[0],p[1],tMill,mSpeed)",
     )
-    points = data(value(0), value(1, "+7."), value(2, "5"))
-    movable = []
-    for key, x in (("0", "-36.802"), ("1", "+7.")):
-        start = points.index(f'key="{key}" x="{x}"'.encode())
-        for token in (x, "-6.159", "500.000", "175.407", "8.416", "46.453"):
-            start = points.index(f'"{token}"'.encode(), start) + 1
-            movable.append((len(program_file) + start, len(program_file) + start + len(token)))
+    points, movable = data("@", value(2, "5")), []
+    before, _, after = (part.decode() for part in points.partition(b"@"))
+    for key in range(2):
+        before += f'<Value key="{key}"'
+        for word in ("x", "y", "z", "rx", "ry", "rz"):
+            sign, whole, decimals = numbers.pop()
+            before += f' {word}="'
+            movable.append(
+                (len(program_file) + len(before), len(program_file) + len(before + f"{sign}{whole}{decimals}"))
+            )
+            before += f'{sign}{whole}{decimals}"'
+        before += ' fatherId="fPart[0]" />\n'
+    points = (before + after).encode()
     holds_contract(Val3(), program_file, movable, seed, [("part.dtx", points)])
 
 

@@ -2,6 +2,9 @@
 
 import numpy as np
 import pytest
+from contract import holds_contract
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from drake_stiffness.errors import InputError
 from toolpaths.formats import read_program
@@ -96,3 +99,42 @@ def test_no_row_makes_the_reader_hang():
     row = b"1,2,3," + b",".join([b" " * 50] * 20)
     with pytest.raises(InputError, match="24 cells"):
         parse(header + row + b",x\n")
+
+
+POSE = [("x_mm", "x_m"), ("y_mm", "y_m"), ("z_mm", "z_m"), ("a_deg", "a_rad"), ("b_deg", "b_rad"), ("c_deg", "c_rad")]
+number = st.tuples(
+    st.sampled_from(["", "-", "+"]),
+    st.integers(0, 999),
+    st.sampled_from(["", ".", ".5", ".2500", ".123456"]),
+    st.sampled_from(["", "", "e-1", "E+0"]),
+)
+
+
+@st.composite
+def tables(draw):
+    """A table (latin-1) and the spans of the numbers that a correction may change."""
+    names = [draw(st.sampled_from(pair)) for pair in POSE]
+    names = draw(st.permutations([*names, "kind", "note", "e1_mm"]))
+    separator, newline = draw(st.sampled_from([",", ";"])), draw(st.sampled_from(["\n", "\r\n"]))
+    text, spans = separator.join(names) + newline, []
+    for _ in range(draw(st.integers(1, 6))):
+        kind = draw(st.sampled_from(["LIN", "lin", "", "SLIN", "PTP", "RAPID"]))
+        for place, name in enumerate(names):
+            before = draw(st.sampled_from(["", " "])) + draw(st.sampled_from(["", "", '"']))
+            token = {"kind": kind, "note": "1.5 caf\xe9", "e1_mm": "7.50"}.get(name)
+            if token is None:
+                sign, whole, decimals, power = draw(number)
+                token = f"{sign}{whole}{decimals}{power}"
+                start = len(text) + bool(place) + len(before)
+                spans += [(start, start + len(token))] if kind not in ("PTP", "RAPID") else []
+            text += separator * bool(place) + before + token + before[::-1]
+        text += newline * draw(st.integers(1, 2))
+    return text, spans
+
+
+@settings(max_examples=25, deadline=None)
+@given(tables(), st.integers(0, 2**32 - 1))
+def test_generated_tables_keep_every_byte_that_is_no_number_of_a_pose(generated, seed):
+    text, movable = generated
+    program, _ = holds_contract(WaypointsCsv(), text.encode("latin-1"), movable, seed)
+    assert program.corrected.sum() * 6 == len(movable)

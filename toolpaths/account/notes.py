@@ -53,7 +53,7 @@ def _program_notes(program: Program, process: Process, path: LoadedPath, correct
         )
     if only.any():
         notes.append(
-            f"{int(only.sum())} of {rows.size} points write no orientation: only their positions were corrected"
+            f"{int(only.sum())} of {rows.size} points write no orientation, or a later point keeps theirs: only their positions were corrected"
         )
     if process.force.table is not None and process.force.frame is None:
         notes.append("the force table was read in tool axes unless its column 'frame' says otherwise")

@@ -13,8 +13,8 @@ is r = m + c + e, e ~ N(0, C), with
 
 The length |r| is the root of a weighted sum of non-central chi-squares. For the upper end its square is taken as a shifted, scaled
 chi-square with the same first three cumulants (Imhof 1961), whose quantile comes from Wilson and Hilferty. For the lower end
-|r| >= u . r with u along m, which is Gaussian: the end |m| - 1.96 sigma_u is never too high. With c the interval is the hull of those
-around m and around m + c. It speaks of one point: errors of parameters and force are nearly the same at all points of a program,
+|r| >= u . r with u along m, which is Gaussian: the end |m| - 1.96 sigma_u is never too high. Where that end is zero no length
+lies below it, and all 5 % may lie above the upper end; elsewhere 2.5 %. With c the interval is the hull of those around m and around m + c. It speaks of one point: errors of parameters and force are nearly the same at all points of a program,
 so the mean over a program is no surer than a single point.
 """
 
@@ -34,6 +34,8 @@ from toolpaths.compensation import CHUNK
 Floats = NDArray[np.float64]
 
 LEVEL = 0.95
+# A Gaussian exceeds so many standard deviations in 5 % of all cases.
+_Z_ONE_SIDED = 1.6448536269514722
 # What no model and no process.yaml says.
 NOT_INCLUDED = ("repeatability of the robot", "setting of the workpiece", "temperature", "wear of the tool", "chatter")
 
@@ -164,8 +166,8 @@ def _support(model: Model, q: Floats, wrench: Floats, sag: bool) -> tuple[Floats
     return covariance, centre, found.unsupported
 
 
-def length_interval(m: Floats, C: Floats, z: float = Z95) -> tuple[Floats, Floats]:
-    """Ends (N,) of an interval of |m + e|, e ~ N(0, C): at most what z standard deviations leave of a Gaussian lies beyond each.
+def length_interval(m: Floats, C: Floats) -> tuple[Floats, Floats]:
+    """Ends (N,) of a 95 % interval of |m + e|, e ~ N(0, C): at most 2.5 % lies beyond each, or 5 % above where the lower one is zero.
 
     Parameters
     ----------
@@ -176,7 +178,8 @@ def length_interval(m: Floats, C: Floats, z: float = Z95) -> tuple[Floats, Float
     square, mCm = (m * m).sum(axis=1), (m * Cm).sum(axis=1)
     length = np.sqrt(square)
     along = np.sqrt(np.maximum(mCm, 0.0)) / np.where(length > 0, length, 1.0)
-    low = np.maximum(length - z * along, 0.0)
+    low = np.maximum(length - Z95 * along, 0.0)
+    z = np.where(low > 0, Z95, _Z_ONE_SIDED)
     # Cumulants of |r|^2, up to factors: c_j = tr C^j + j m^T C^(j-1) m.
     c1 = np.einsum("nii->n", C) + square
     c2 = np.einsum("nij,nij->n", C, C) + 2 * mCm
