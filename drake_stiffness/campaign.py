@@ -165,8 +165,6 @@ def read_measurements(
     case = case.reshape(-1)
     _check_cases_agree(table, arm, kept, kept[first][case], q, wrench, experiment)
     time_s = table.numbers("time_s", empty=np.nan)
-    if np.isfinite(time_s[kept]).any():
-        time_s = time_s - np.nanmin(time_s[kept])  # clocks may count from 1970: a rate would be lost in rounding
     lead = kept[first]
     cases = Cases(q[:, lead], wrench[:, lead], load_point, unique[:, 0], unique[:, 1], time_s[lead])
     _check_one_posture(table, arm, cases, names)

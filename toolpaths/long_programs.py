@@ -215,9 +215,10 @@ class _Job:
             for program, process, lead in self._tasks():
                 yield _correct(program, self.model, process, self.options, lead, self.most)
             return
-        from joblib.externals.loky import get_reusable_executor
+        # A pool of its own: joblib would take a reusable one for one of those that it made, and fail.
+        from joblib.externals.loky import ProcessPoolExecutor
 
-        pool = get_reusable_executor(max_workers=processes)
+        pool = ProcessPoolExecutor(max_workers=processes)
         ahead: deque[Any] = deque()
         tasks = self._tasks()
         try:
@@ -230,6 +231,7 @@ class _Job:
         finally:
             for task in ahead:
                 task.cancel()
+            pool.shutdown(wait=False, kill_workers=True)
 
     def _tasks(self) -> Iterator[tuple[Program, Process, Floats | None]]:
         """Every piece, its share of the force table, and the posture it is guessed to go on from."""

@@ -12,7 +12,7 @@ from drake_stiffness.diagnosis.diagnosis import Diagnosis, gap_mm
 from drake_stiffness.diagnosis.evidence import Tested
 from drake_stiffness.diagnosis.growth import Further
 from drake_stiffness.diagnosis.search import MOST_EFFECTS
-from drake_stiffness.diagnosis.suspects import suspects
+from drake_stiffness.diagnosis.suspects import suspects, timed
 
 FORMAT = "drake-stiffness-diagnosis/1"
 
@@ -93,7 +93,7 @@ def _limits(d: Diagnosis) -> list[Limit]:
     out = {(u.kind, u.where) for u in d.untestable}
     present = {(e.kind, e.where) for e in model.effects}
     tried = [
-        s
+        timed(s, d.observations.measurements)
         for s in suspects(model)
         if (s.kind, s.where) not in out and s.name not in d.search.faults and s.makes_sense_beside(present)
     ]

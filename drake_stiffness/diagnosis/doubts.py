@@ -20,6 +20,7 @@ from drake_stiffness.diagnosis.verdict import closed_share, p_of_fit
 from drake_stiffness.effects import Effect
 from drake_stiffness.effects.compliance import Spring
 from drake_stiffness.effects.harmonics import JointPeriodicError
+from drake_stiffness.effects.transmission import JointHardening
 from drake_stiffness.errors import UntrustworthyError
 from drake_stiffness.observation import Observations
 
@@ -171,8 +172,8 @@ def wrong_forms(named: Sequence[Named], process: Process) -> dict[str, str]:
     out = {}
     for n in named:
         driven_by = sorts(n.effect)
-        if isinstance(n.effect, JointPeriodicError):
-            continue  # what other harmonics of the same joint leave does not speak against this one
+        if isinstance(n.effect, JointPeriodicError | JointHardening):
+            continue  # what other harmonics, or another law of the same spring, leave does not speak against this one
         places = [p for p in dict.fromkeys(f.where for f in process.families) if p in n.effect.where.split("+")]
         rest = sum(process.at(p, driven_by) for p in places)
         if rest > max(_WRONG_FORM * n.tested.explained, _LEAST_REST * max(process.floor, 1.0)):

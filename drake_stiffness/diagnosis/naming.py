@@ -29,8 +29,8 @@ from drake_stiffness.rotations import Array
 FOLDS = 5
 # Two suspects are one class when what is left of their signatures has a canonical correlation above this.
 SAME_ABOVE = 0.95
-# A suspect is kept in the class unless it is excluded at this many standard deviations.
-_EXCLUDED_AT = 2.6
+# A suspect is kept in the class unless it is excluded at this many standard deviations: once in a hundred.
+_EXCLUDED_AT = 2.33
 _LEAST_DOF = 10
 # Variants whose signatures correlate by less than this are of another shape; one of them explaining this share of the best
 # means that the best is no discovery.

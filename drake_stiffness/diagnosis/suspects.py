@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -136,6 +136,14 @@ def _unloads(m: Measurements) -> bool:
     return bool((less & (size > 0) & (experiment[1:] == experiment[:-1])).any())
 
 
+def timed(suspect: Suspect, m: Measurements) -> Suspect:
+    """The same with times counted from the first reading."""
+    known = m.cases.time_s[np.isfinite(m.cases.time_s)]
+    if not known.size:
+        return suspect
+    return replace(suspect, variants=tuple(effect.timed_from(float(known.min())) for effect in suspect.variants))
+
+
 def separate_untestable(
     found: list[Suspect], model: Model, m: Measurements, displacement: bool
 ) -> tuple[list[Suspect], list[Untestable]]:
@@ -144,7 +152,7 @@ def separate_untestable(
     if displacement and any(isinstance(effect, Spring) for effect in model.effects):
         missing["known_springs"] = "compliances known from elsewhere: a common factor on all of them does the same"
     testable, untestable = [], []
-    for suspect in found:
+    for suspect in (timed(s, m) for s in found):
         needs = suspect.variants[0].needs
         lacks = [missing[need] for need in needs if need in missing]
         if not lacks and "angles" in needs and suspect.where in model.arm.joint_names:

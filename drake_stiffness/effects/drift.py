@@ -21,6 +21,8 @@ if TYPE_CHECKING:
 # rate says nothing.
 _SETTLING_S, _LEAST_S = (600.0, 1200.0, 2400.0, 4800.0, 14400.0, -4800.0, -14400.0), 60.0
 
+_LARGEST = 50.0  # times T: what grows for so long has left every campaign it was found in
+
 
 class TrackerDrift(Effect):
     """Readings move with time: p += v T (1 - exp(-t / T)), at a constant rate where T is infinite.
@@ -31,7 +33,7 @@ class TrackerDrift(Effect):
     Parameters
     ----------
     start_s : float
-        Time at which t is 0, counted as `Cases.time_s` is: from the first reading of the campaign.
+        Time at which t is 0; a search sets it to the first reading.
     settling_s : float, optional
         T; None for a steady drift.
     """
@@ -67,6 +69,10 @@ class TrackerDrift(Effect):
         for settling_s in _SETTLING_S:
             yield cls(settling_s=settling_s)
 
+    def timed_from(self, start_s: float) -> Effect:
+        """Clocks may count from 1970: a rate would be lost in rounding."""
+        return TrackerDrift(self.where, start_s, self.settling_s)
+
     def neighbours(self, step: float) -> Iterator[Effect]:
         if self.settling_s is not None:
             for factor in (1 + step, 1 / (1 + step)):
@@ -79,5 +85,5 @@ class TrackerDrift(Effect):
             return reading
         elapsed = np.nan_to_num(cases.time_s[reading.case] - self.start_s, nan=0.0)
         if self.settling_s is not None:
-            elapsed = -self.settling_s * np.expm1(-elapsed / self.settling_s)
+            elapsed = -self.settling_s * np.expm1(np.minimum(-elapsed / self.settling_s, _LARGEST))
         return replace(reading, p=reading.p + x[:, None] * elapsed)

@@ -73,7 +73,7 @@ class Cases:
     experiment, step : (N,)
         Which experiment, and the order inside it: load history starts afresh with every experiment.
     time_s : (N,)
-        Since the first reading of the campaign; NaN where unknown.
+        As the table says; NaN where unknown.
     """
 
     q: Array
@@ -199,6 +199,10 @@ class Effect(ABC):
     def derived(self, x: Array) -> dict[str, tuple[float, str]]:
         """What the unknowns amount to whatever the convention: name to value and unit. None by default."""
         return {}
+
+    def timed_from(self, start_s: float) -> Effect:
+        """The same effect with its time counted from the first reading; itself where time is nothing to it."""
+        return self
 
     def further(self) -> Iterator[Effect]:
         """What of the same kind may be at the same place besides, each alone: other harmonics. None by default."""

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from drake_stiffness.effects import effect_kinds, make_effect
+from drake_stiffness.effects.drift import TrackerDrift
 from drake_stiffness.effects.effect import Carried, Cases, Reading
 from drake_stiffness.effects.gravity_compensator import GravityCompensator
 from drake_stiffness.errors import InputError
@@ -87,3 +88,19 @@ def test_a_torque_does_not_say_which_end_of_its_spring_is_the_farther_one():
     far, near = GravityCompensator("j", (0.6, 0.0), 0.2, 30.0), GravityCompensator("j", (0.2, 0.0), 0.6, 30.0)
     np.testing.assert_allclose(far.moment(q, x), near.moment(q, x), rtol=1e-12)
     assert far.derived(x) == near.derived(x)
+
+
+def test_a_clock_that_counts_from_1970_loses_nothing_of_a_drift():
+    """The rate is counted from the first reading: 1.7e9 s times it would swamp every micrometre."""
+    start, time_s = 1.7e9, np.array([0.0, 900.0, 1800.0])
+    n = time_s.size
+    reading = Reading(np.zeros((3, n)), np.zeros((3, 3, n)), np.array(["P"] * n), np.arange(n))
+    late, early = (
+        Cases(np.zeros((6, n)), np.zeros((6, n)), np.zeros(3), np.zeros(n, dtype=int), np.arange(n), t)
+        for t in (start + time_s, time_s)
+    )
+    for drift in (TrackerDrift(), TrackerDrift(settling_s=-4800.0)):
+        there = drift.timed_from(start).on_reading(reading, late, np.array([1e-8, 0.0, 0.0]))
+        here = drift.on_reading(reading, early, np.array([1e-8, 0.0, 0.0]))
+        np.testing.assert_allclose(there.p, here.p, atol=1e-15)
+        assert 0.8e-5 < here.p[0, 1] < 1.1e-5
