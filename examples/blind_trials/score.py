@@ -67,6 +67,29 @@ def _band(k: int) -> str:
     return f"{low:.0f} - {high:.0f}" if high < 1e6 else f"above {low:.0f}"
 
 
+def headline(records: list[Record], cases: list[Case]) -> str:
+    """What the tables say, in a few lines."""
+    nothing = [r for r in records if r.plan == "none"]
+    strong = [(r, t) for r, t in cases if t.alone >= 8]
+    outside = [(r, t) for r in records for t in r.hidden if not t.known and r.outside(t) >= 5]
+    ratios = [len(r.entry_of(t) or ()) / len(r.classes[t.name]) for r, t in cases if t.name in r.classes]
+    lines = [
+        f"Nothing hidden: a name in {share(sum(bool(r.wrong) for r in nothing), len(nothing))}.",
+        f"Effects of 8 sigma and more: found {share(sum(r.outcome(t) == 'found' for r, t in strong), len(strong))}; a wrong name "
+        f"instead in {sum(r.outcome(t) == 'wrong' for r, t in strong)}.",
+        "Effects that the catalogue lacks, 5 sigma and more unlike anything that it has: a name without a warning in "
+        f"{share(sum(r.verdict == 'explained' and not all(r.warned) for r, _ in outside), len(outside))}.",
+        f"Classes are {np.mean(ratios) if ratios else float('nan'):.2f} times the oracle's on average.",
+    ]
+    return "\n".join(f"- {line}" for line in lines) + "\n"
+
+
+GLOSSARY = """*Found*: the true kind at the true place, alone or in the class that is named. *Kind*: the true kind elsewhere. *Abstained*: no name, but the
+verdict says that a gap remains. *Missed*: called consistent. *Fitted data*: what is not held out; a test of several columns pays for each.
+*Oracle's test of these very readings*: its statistic with the noise that this trial has, in one column, so the comparison is in pairs.
+"""
+
+
 def confusion(cases: list[Case]) -> str:
     """What was said of effects of 8 sigma and more."""
     rows = []
@@ -235,11 +258,13 @@ def report(records: list[Record], without_answer: Sequence[tuple[str, str]] = ()
     }
     parts = [
         "# Blind trials\n",
-        "Made by `examples/blind_trials/score.py` from campaigns of `examples/blind_trials/run.py`; every number is theirs. The "
+        "Made by `examples/blind_trials/score.py` from campaigns of `examples/blind_trials/run.py` (or `as_study.py`); every number is theirs. The "
         "truths are the plants of `examples/plants/`, which share no code with the packages. A sigma is the root of the "
         "noncentrality that is left of an effect's signature after the base model is projected out, over all experiments. "
         "The oracle is told the true effect's regressors and tests them at the same level. Shares have 95 % "
         "Clopper-Pearson bounds.\n",
+        headline(records, cases),
+        GLOSSARY,
         table(["plan", "trials", "seeds"], [[p, n, f"{seeds[p][0]} - {seeds[p][1]}"] for p, n in count.items()]),
         "## Power\n",
         power_table(cases, "sigma", "band"),
