@@ -5,6 +5,8 @@ import sys
 
 import numpy as np
 import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
 
 from drake_stiffness.errors import InputError
 from toolpaths.formats import files_of, read_again, read_program
@@ -96,3 +98,25 @@ def test_a_damaged_file_and_a_missing_package_are_said(saved, monkeypatch):
     monkeypatch.setitem(sys.modules, "pyarrow", None)
     with pytest.raises(InputError, match=r"pip install 'drake-stiffness\[parquet\]'"):
         read_program(path)
+
+
+@settings(max_examples=15, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(
+    st.lists(st.tuples(*3 * [st.floats(-4000.0, 4000.0)]), min_size=1, max_size=6),
+    st.tuples(*3 * [st.floats(-5.0, 5.0)]),
+)
+def test_generated_tables_keep_all_but_corrected_poses_and_read_back_what_was_wanted(saved, points, by):
+    n, columns = len(points), np.array(points).T
+    content = {
+        **{f"{c}_mm": pyarrow.array(v) for c, v in zip("xyz", columns, strict=True)},
+        "note": pyarrow.array([f"row {k}" for k in range(n)]),
+    }
+    path = saved(pyarrow.table(content))
+    program = read_program(path)
+    assert files_of(program, moved(program, 0.0)) == (path.read_bytes(),)
+    (raw,) = files_of(program, moved(program, by))
+    again = parquet.read_table(io.BytesIO(raw))
+    assert again.column_names == list(content)
+    assert again["note"].to_pylist() == content["note"].to_pylist()
+    for c, v, step in zip("xyz", columns, by, strict=True):
+        np.testing.assert_allclose(again[f"{c}_mm"].to_numpy(), v + step, rtol=0, atol=1e-9)
