@@ -48,8 +48,8 @@ _ROUNDS, _SETTLED = 30, 1e-8
 _TOLERANCE = 1e-9
 # A step that leaves less than the tolerance, shrinking as it did before, is taken without looking again.
 _SMOOTH = 0.1
-# Deflections (rad and m) are found to this: well below what the iteration looks at.
-_DEFLECTION_TOLERANCE = 1e-10
+# Deflections (rad and m) are found to this: what is said of a tool that is metres away is then right to a hundredth of a nanometre.
+_DEFLECTION_TOLERANCE = 3e-12
 
 
 @dataclass(frozen=True, eq=False)

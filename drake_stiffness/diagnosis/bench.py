@@ -167,4 +167,5 @@ def refit(base: Model, o: Observations, effects: Sequence[Effect], near: Model |
 
 
 def effects_of(named: Sequence[Named]) -> list[Effect]:
+    """The effects that are named, as the bench fits them."""
     return [n.effect for n in named]

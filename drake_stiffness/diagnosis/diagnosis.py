@@ -196,12 +196,15 @@ def _confirm(
     o, o_held = data.arrange(data.fitted), data.arrange(data.held)
     ratio = noise.ratio if noise.implausible else 1.0
     left_base = found.bench.left(())
-    process_before, process_after = fit_process(left_base, _seen(base)), fit_process(found.left, _seen(found.solution))
+    process_before, process_after = (
+        fit_process(left_base, base.identifiability.seen),
+        fit_process(found.left, found.solution.identifiability.seen),
+    )
     passed = found.named
     doubted, as_good = stand_ins(found, left_base)
     found, withdrawn = standing(found, doubted)
     if withdrawn:
-        process_after = fit_process(found.left, _seen(found.solution))
+        process_after = fit_process(found.left, found.solution.identifiability.seen)
     found, more = standing(found, wrong_forms(own_rest(found), process_after))
     withdrawn |= more
     # Where nothing shows the noise, what no smooth function gets below is the most that a gap can close to.
@@ -227,7 +230,7 @@ def _confirm(
     found, by_chance = unrefuted(found, o_held, yard)
     withdrawn |= by_chance
     if withdrawn:
-        process_after = fit_process(found.left, _seen(found.solution))
+        process_after = fit_process(found.left, found.solution.identifiability.seen)
     after, r_after = held_out(found.solution, o_held, ratio)
     explainable = (
         still_explainable(process_before, o_held, r_before),
@@ -284,10 +287,6 @@ def _of_all(data: _Data, found: Search, outliers: tuple[Outlier, ...]) -> Remain
     o = data.arrange(m)
     model = found.solution.model
     return remaining(Scene(model, o), measured(o) - predicted(o, model), found.solution.identifiability.seen)
-
-
-def _seen(solution: Solution) -> Array:
-    return solution.identifiability.seen
 
 
 def _lost(passed: Sequence[Named], withdrawn: Collection[str], by_chance: Collection[str]) -> float:

@@ -81,7 +81,8 @@ Form = Literal["quadratic", "cubic"]
 class JointHardening(JointEffect):
     """A spring whose slope changes with load: theta = c tau |tau| (quadratic) or c tau^3 (cubic), c < 0 where it hardens.
 
-    Needs three levels of load or more. No experiment of this kind tells the two forms apart (canonical correlation 0.98).
+    Needs three levels of load or more. A search takes the form that fits better; that does not
+    make it the true one, for no experiment of this kind tells the two apart (canonical correlation 0.98).
     """
 
     kind = "joint_hardening"
