@@ -81,13 +81,6 @@ def displacement_gradient(model: Model, cases: Cases, case: NDArray[np.int_], po
     return np.asarray(loaded - unloaded)
 
 
-def tool_support(model: Model, cases: Cases) -> Support:
-    """Support of the predicted displacement of the tool centre point, one reading per case."""
-    tcp = "(tool centre point)"
-    with_tcp = replace(model, points={**model.points, tcp: model.tcp[1]})
-    return displacement_support(with_tcp, cases, np.arange(cases.number), np.full(cases.number, tcp))
-
-
 def position_support(model: Model, cases: Cases, case: NDArray[np.int_], point: NDArray[np.str_]) -> Support:
     """Support of predicted positions."""
     return _support(_Evidence.of(model), sensitivity(model, cases, case, point, turns=False))

@@ -52,10 +52,6 @@ class ProgramBuilder:
         self.values = [math.nan] * (self.width + EXTERNALS)
         self.source = [-1] * self.width
 
-    def forget_place(self) -> None:
-        """The next row does not start where the last one ends, though the words of the pose are known."""
-        self._moved = True
-
     @property
     def moved(self) -> bool:
         """Whether the next row starts from a place that is not known."""
