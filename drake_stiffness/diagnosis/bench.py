@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from drake_stiffness.diagnosis.evidence import Tested, basis_of
+from drake_stiffness.diagnosis.evidence import Tested, basis_of, score
 from drake_stiffness.diagnosis.growth import Further, further_suspects, grown, is_more_of, together
 from drake_stiffness.diagnosis.naming import Remaining, Round, best_variant, refine, remaining, try_all
 from drake_stiffness.diagnosis.sharpening import sharpened
@@ -101,6 +101,11 @@ class Bench:
             self.progress(f"trying {sum(len(s.variants) for s in able)} variants of {len(able)} suspects")
             self._rounds[key] = try_all(self.left(effects), able, self.seed)
         return self._rounds[key]
+
+    def cost(self, t: Tested) -> float:
+        """Of an effect's freedom, the choice of its constants included, in chi-square."""
+        variants = next((len(s.variants) for s in self.found if s.name == t.suspect.name), 1)
+        return -score(0.0, t.coefficient.size, variants, 1.0)
 
     def join(self, named: Sequence[Named], t: Tested, around: Round) -> Named | str:
         """One more effect beside the named ones, constants refined; or why the model with it cannot be fitted."""

@@ -9,18 +9,19 @@ import numpy as np
 
 from drake_stiffness.diagnosis.bench import Named
 from drake_stiffness.diagnosis.confirmation import HeldOut, held_out
-from drake_stiffness.diagnosis.evidence import Tested, basis_of, left_over
+from drake_stiffness.diagnosis.evidence import basis_of, left_over, score
 from drake_stiffness.diagnosis.generic import Process
 from drake_stiffness.diagnosis.naming import Remaining, best_variant, rests_of
 from drake_stiffness.diagnosis.outliers import Outlier
 from drake_stiffness.diagnosis.search import MOST_EFFECTS, Search
-from drake_stiffness.diagnosis.strangers import Likeness, likeness, score, strangers
+from drake_stiffness.diagnosis.signatures import Scene
+from drake_stiffness.diagnosis.strangers import Likeness, likeness, strangers
 from drake_stiffness.diagnosis.suspects import Suspect
 from drake_stiffness.diagnosis.verdict import closed_share, p_of_fit
 from drake_stiffness.effects import Effect
 from drake_stiffness.effects.compliance import Spring
+from drake_stiffness.effects.hardening import JointHardening
 from drake_stiffness.effects.harmonics import JointPeriodicError
-from drake_stiffness.effects.transmission import JointHardening
 from drake_stiffness.errors import UntrustworthyError
 from drake_stiffness.observation import Observations
 
@@ -33,6 +34,8 @@ _NOT_NOISE, _MOSTLY = 1e-3, 0.75
 # Held-out readings that are less probable by this much (twice the log) with a name than without refute it. It is then taken for chance
 # unless its p-value was below this share of what it had to be below.
 _AGAINST, NO_CHANCE = 6.0, 1e-3
+# What was seen for less than so many periods is not known to repeat.
+_PERIODS = 1.5
 _SURE = 0.0005  # of the 1 % that all of diagnosis may err by
 
 
@@ -53,21 +56,39 @@ def stand_ins(found: Search, left_base: Remaining) -> tuple[dict[str, str], dict
     names = [n.tested.suspect.name for n in found.named]
     if len(names) > 1:
         best = likeness(left_base, forms, noise)[0]
-        if best.score > all_of_them / noise - sum(_cost(found, n.tested) for n in found.named) + _CLEARLY:
+        if best.score > all_of_them / noise - sum(found.bench.cost(n.tested) for n in found.named) + _CLEARLY:
             return dict.fromkeys(names, _why(best, all_of_them, len(names))), {}
     out: dict[str, str] = {}
     as_good: dict[str, str] = {}
     for n, name in zip(found.named, names, strict=True):
         others = [m for m in found.named if m is not n]
         best = likeness(without(left_base, others) if others else left_base, forms, noise)[0]
-        own = max(t.explained / noise - _cost(found, t) for t in (n.tested, *n.confounded))
+        own = max(t.explained / noise - found.bench.cost(t) for t in (n.tested, *n.confounded))
         # A strong effect explains more once it is fitted than to first order.
-        own = max(own, (_squares(found, others) - _squares(found, found.named)) / noise - _cost(found, n.tested))
+        own = max(own, (_squares(found, others) - _squares(found, found.named)) / noise - found.bench.cost(n.tested))
         if best.score > own + _CLEARLY:
             out[name] = _why(best, n.tested.explained, 1)
         elif best.score > own - _CLEARLY:
             as_good[name] = best.what
+        elif like := pull_like(n.effect, left_base.scene):
+            as_good[name] = like
     return out, as_good
+
+
+def pull_like(effect: Effect, scene: Scene) -> str:
+    """What turns a joint as its periodic error does, where too few periods were seen to know that it repeats; empty if nothing.
+
+    A spring without free length, or a hose, between the two links of a joint brings a torque that goes with the sine and
+    cosine of its angle, and so does the angle it gives by.
+    """
+    if not isinstance(effect, JointPeriodicError):
+        return ""
+    span = float(np.ptp(scene.cases.q[effect.number(scene.model.arm)]))
+    periods = max(effect.harmonics) * span / (1.0 if effect.prismatic else 2 * np.pi)
+    if periods >= _PERIODS:
+        return ""
+    seen = f"{span:.2f} m" if effect.prismatic else f"{np.rad2deg(span):.0f} deg"
+    return f"a hose or a spring that pulls across {effect.where} (of the pattern {periods:.1f} periods were seen, over {seen})"
 
 
 def _squares(found: Search, named: Sequence[Named]) -> float:
@@ -80,12 +101,6 @@ def without(left: Remaining, named: Sequence[Named]) -> Remaining:
     """What named effects leave, to first order."""
     Q = basis_of(left_over(np.hstack([left.columns_of(n.effect) for n in named]), left.Q))
     return replace(left, Q=np.hstack([left.Q, Q]), r=left.r - Q @ (Q.T @ left.r), dof=left.dof - Q.shape[1])
-
-
-def _cost(found: Search, t: Tested) -> float:
-    """Of an effect's freedom, the choice of its constants included."""
-    variants = next((len(s.variants) for s in found.tried if s.name == t.suspect.name), 1)
-    return -score(0.0, t.coefficient.size, variants, 1.0)
 
 
 def _why(best: Likeness, explained: float, names: int) -> str:

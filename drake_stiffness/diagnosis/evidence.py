@@ -97,6 +97,11 @@ def left_over(S: Array, Q_base: Array) -> Array:
     return rest
 
 
+def score(explained: float, parameters: int, variants: int, noise: float) -> float:
+    """Explained chi-square less the cost of freedom: 2 for a parameter, 2 log n for a choice of n constants."""
+    return explained / max(noise, 1e-300) - 2 * parameters - 2 * float(np.log(max(variants, 1)))
+
+
 def level_of_smallest(Q_all: Array, sizes: list[int], dof: int, seed: int) -> float:
     """The p-value that the smallest of all tests falls below with probability `FAMILY_WISE` when there is only noise.
 

@@ -29,8 +29,8 @@ from drake_stiffness.rotations import Array
 FOLDS = 5
 # Two suspects are one class when what is left of their signatures has a canonical correlation above this.
 SAME_ABOVE = 0.95
-# A suspect is kept in the class unless it is excluded at this many standard deviations: once in a hundred.
-_EXCLUDED_AT = 2.33
+# A suspect is kept in the class unless it is excluded: the truth once in a hundred, which is so many deviations of a normal variable.
+_EXCLUDED, _EXCLUDED_AT = 0.01, 2.33
 _LEAST_DOF = 10
 # Variants whose signatures correlate by less than this are of another shape; one of them explaining this share of the best
 # means that the best is no discovery.
@@ -215,16 +215,32 @@ def _within_bounds(effect: Effect, S: Array, r: Array) -> Array:
 
 
 def refine(left: Remaining, t: Tested) -> Effect:
-    """The chosen variant with its nonlinear constants improved: neighbours are tried with ever smaller steps."""
-    effect, best = t.effect, t.explained
+    """The chosen variant with its nonlinear constants improved; where one that stays bounded fits as well within noise, that one.
+
+    Readings that took no part may be of larger loads: there a form that grows without bound is wrong by much.
+    """
+    best = _improved(left, t)
+    bounded = [e for e in t.suspect.variants if e.bounded]
+    if best.effect.bounded or not bounded:
+        return best.effect
+    rests = rests_of(left, replace(t.suspect, variants=tuple(bounded)), {})
+    found = best_variant(left, replace(t.suspect, variants=tuple(bounded)), rests, [basis_of(S) for S in rests])
+    if found is None:
+        return best.effect
+    found = _improved(left, found)
+    return found.effect if may_be(found, best, left.per_dof) else best.effect
+
+
+def _improved(left: Remaining, t: Tested) -> Tested:
+    """The same with its nonlinear constants improved: neighbours are tried with ever smaller steps."""
     for step in (0.5, 0.25, 0.12, 0.06):
-        for other in effect.neighbours(step):
-            suspect = Suspect(t.suspect.kind, t.suspect.where, (other,))
+        for other in t.effect.neighbours(step):
             rest = left.rest(other)
+            suspect = Suspect(t.suspect.kind, t.suspect.where, (other,))
             found = best_variant(left, suspect, (rest,), (basis_of(rest),))
-            if found is not None and found.explained > best:
-                effect, best = other, found.explained
-    return effect
+            if found is not None and found.explained > t.explained:
+                t = found
+    return t
 
 
 def is_sponge(r: Array, t: Tested) -> bool:
@@ -244,9 +260,8 @@ def is_sponge(r: Array, t: Tested) -> bool:
 def confounded_with(chosen: Tested, others: list[Tested], per_dof: float) -> list[Tested]:
     """Suspects that this campaign cannot tell from the chosen one.
 
-    Those whose left-over columns carry the chosen signature with a correlation above `SAME_ABOVE`, and those whose own fit is so
-    near in shape and quality that, were they the truth, the chosen one would fit as well as it does: with d the length of
-    their fit outside the chosen one's span, the difference of explained squares is normal with mean -d^2 and deviation 2 d.
+    Those whose left-over columns carry the chosen signature with a correlation above `SAME_ABOVE`, and those that may be the truth
+    all the same (`may_be`).
     """
     same = []
     size = max(float(np.linalg.norm(chosen.fit)), 1e-300)
@@ -254,9 +269,25 @@ def confounded_with(chosen: Tested, others: list[Tested], per_dof: float) -> lis
         if other.suspect.name == chosen.suspect.name or other.explained < _SOMETHING * chosen.explained:
             continue
         correlation = max(float(np.linalg.norm(Q.T @ chosen.fit)) / size for Q in other.bases)
-        outside = other.fit - chosen.basis @ (chosen.basis.T @ other.fit)
-        d = float(np.linalg.norm(outside)) / np.sqrt(per_dof)
-        ahead = (chosen.explained - other.explained) / per_dof
-        if correlation > SAME_ABOVE or ahead <= -(d**2) + 2 * _EXCLUDED_AT * d:
+        if correlation > SAME_ABOVE or may_be(other, chosen, per_dof):
             same.append(other)
     return same
+
+
+def may_be(other: Tested, chosen: Tested, per_dof: float) -> bool:
+    """Whether one that explains less may be the truth all the same.
+
+    Were it, with P its projector, P_c that of the chosen one and f what it truly does, the chosen one's lead in explained squares
+    would have the mean -d^2 + p_c - p, with d^2 = |f - P_c f|^2, and two sources of spread: 2 d times a normal one, and that of
+    chi-square with as many degrees of freedom as directions are not shared. Noise in its fit adds p - tr(P_c P) to d^2.
+    """
+    from scipy.special import chdtri
+
+    Q, Q_c = other.basis, chosen.basis
+    outside = other.fit - Q_c @ (Q_c.T @ other.fit)
+    shared = float(np.sum((Q_c.T @ Q) ** 2))
+    p, p_c = Q.shape[1], Q_c.shape[1]
+    d2 = max(float(outside @ outside) / per_dof - (p - shared), 0.0)
+    apart = max(p + p_c - 2 * shared, 1e-6)
+    spread = np.hypot(2 * _EXCLUDED_AT * np.sqrt(d2), chdtri(apart, _EXCLUDED) - apart)
+    return (chosen.explained - other.explained) / per_dof <= p_c - p - d2 + float(spread)

@@ -37,6 +37,8 @@ _NEARLY_AS_GOOD, _MISSES, _MISSED_SHARE, _A_PARAMETER = 0.8, 25.0, 0.01, 5.0
 _SAME_PHYSICS, _WEAKER = 0.4, 0.3
 # A suspect of the named kind elsewhere that explains this share of it is a rival.
 _RIVAL = 0.5
+# One of a class leads it where it explains this much more than the one that joined first, its freedom paid for.
+_CLEARLY = 6.0
 # Effects whose signatures have a correlation above this are held up again once both are there.
 _ALIKE_ABOVE = 0.2
 
@@ -209,12 +211,19 @@ def _evidence_of_each(bench: Bench, named: list[Named]) -> list[Named]:
     for n in named:
         bench.progress(f"weighing {n.tested.suspect.name} beside the others")
         others = [m for m in named if m is not n]
+        left = bench.left(effects_of(others))
         found = [_fixed(s, n) for s in bench.found if s.name not in _names(others)]
-        around = try_all(bench.left(effects_of(others)), found, bench.seed)
+        around = try_all(left, found, bench.seed)
         able = [*around.passed, *around.failed]
         own = next((t for t in able if t.suspect.name == n.tested.suspect.name), n.tested)
-        able = [_refined(bench.left(effects_of(others)), t, own) for t in able]
+        able = [_refined(left, t, own) for t in able]
         same = confounded_with(own, able, per_dof)
+        best = max((own, *same), key=lambda t: t.explained / per_dof - bench.cost(t))
+        if (best.explained - own.explained) / per_dof > bench.cost(best) - bench.cost(own) + _CLEARLY:
+            joined = bench.join(others, best, around)
+            if not isinstance(joined, str):
+                n, own = joined, best
+                same = confounded_with(own, able, per_dof)
         out.append(replace(n, tested=own, confounded=tuple(same), level=around.level))
     return sorted(out, key=lambda n: -n.tested.gain)
 

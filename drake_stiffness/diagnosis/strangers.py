@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from drake_stiffness.diagnosis.evidence import basis_of
+from drake_stiffness.diagnosis.evidence import basis_of, score
 from drake_stiffness.diagnosis.naming import Remaining
 from drake_stiffness.diagnosis.signatures import Scene
 from drake_stiffness.effects.compliance import ROTATION_SCALE, BaseCompliance, LinkCompliance
@@ -64,11 +64,6 @@ class Likeness:
     explained: float
     score: float
     p_value: float
-
-
-def score(explained: float, parameters: int, variants: int, noise: float) -> float:
-    """Explained chi-square less the cost of freedom: 2 for a parameter, 2 log n for a choice of n constants."""
-    return explained / max(noise, 1e-300) - 2 * parameters - 2 * float(np.log(max(variants, 1)))
 
 
 def likeness(left: Remaining, found: Sequence[Stranger], noise: float) -> list[Likeness]:

@@ -71,7 +71,7 @@ def show_diagnosis(console: Console, result: Diagnosed) -> None:
             )
         if entry.get("outside_the_catalogue_as_good"):
             console.print(
-                f"! {entry['kind']} at {entry['where']}: a form outside the catalogue would explain nearly as much: "
+                f"! {entry['kind']} at {entry['where']}: a form outside the catalogue explains about as much: "
                 f"{entry['outside_the_catalogue_as_good']}."
             )
     for line in limits_in_words(document["not_detectable_above"]):

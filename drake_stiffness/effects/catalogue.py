@@ -18,10 +18,11 @@ from drake_stiffness.effects.effect import Effect, Need, Station
 from drake_stiffness.effects.force_sensor import ForceSensorBias, ForceSensorMisalignment, Scale
 from drake_stiffness.effects.geometry import JointZeroOffset, LinkGeometry, Payload
 from drake_stiffness.effects.gravity_compensator import GravityCompensator
+from drake_stiffness.effects.hardening import JointHardening
 from drake_stiffness.effects.harmonics import JointMeshStiffness, JointPeriodicError
 from drake_stiffness.effects.hysteresis import JointHysteresis
 from drake_stiffness.effects.instruments import ReflectorOffset, TrackerFrame
-from drake_stiffness.effects.transmission import JointBacklash, JointCoupling, JointHardening
+from drake_stiffness.effects.transmission import JointBacklash, JointCoupling
 from drake_stiffness.errors import InputError
 
 _BUILT_IN: tuple[type[Effect], ...] = (

@@ -192,6 +192,11 @@ class Effect(ABC):
         return False
 
     @property
+    def bounded(self) -> bool:
+        """Whether what it adds stays as it is beyond some load: of forms that fit within noise a search takes one that does."""
+        return False
+
+    @property
     def conventional(self) -> tuple[str, ...]:
         """Unknowns whose values are a matter of convention once a search chose the constants: they have no sigma of their own."""
         return ()

@@ -1,15 +1,14 @@
-"""What gears do beyond a linear spring: backlash, hardening, and coupling between neighbouring joints."""
+"""What gears do beyond a linear spring: backlash, and coupling between neighbouring joints."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from typing import TYPE_CHECKING, Literal, get_args
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from drake_stiffness.effects.compliance import ROTATION_SCALE, expect
 from drake_stiffness.effects.effect import Carried, Cases, Effect, Parameter
-from drake_stiffness.errors import InputError
 from drake_stiffness.rotations import Array
 
 if TYPE_CHECKING:
@@ -73,48 +72,6 @@ class JointBacklash(JointEffect):
     def deflection(self, arm: Arm, carried: Carried, cases: Cases, x: Array) -> dict[int, Array]:
         i = self.number(arm)
         return {i: 0.5 * x[0] * np.clip(carried.tau_joint[i] / self.smooth, -1.0, 1.0)}
-
-
-Form = Literal["quadratic", "cubic"]
-
-
-class JointHardening(JointEffect):
-    """A spring whose slope changes with load: theta = c tau |tau| (quadratic) or c tau^3 (cubic), c < 0 where it hardens.
-
-    Needs three levels of load or more. A search takes the form that fits better; that does not
-    make it the true one, for no experiment of this kind tells the two apart (canonical correlation 0.98).
-    """
-
-    kind = "joint_hardening"
-    needs = ("load", "levels")
-    refines = "joint_compliance"
-
-    def __init__(self, where: str, prismatic: bool = False, form: Form = "quadratic") -> None:
-        super().__init__(where, prismatic)
-        if form not in get_args(Form):
-            raise InputError(f"{self.kind} at '{where}': found form: {form!r}; expected quadratic or cubic.")
-        self.form = form
-
-    @property
-    def parameters(self) -> tuple[Parameter, ...]:
-        # A tenth of a typical compliance at a typical torque of 1 kN m.
-        power = 2 if self.form == "quadratic" else 3
-        unit = f"{self.deflection_unit}/({self.load_unit})^{power}"
-        return (Parameter("curvature", unit, 0.1 * ROTATION_SCALE / 1e3 ** (power - 1)),)
-
-    def settings(self) -> dict[str, object]:
-        return {**super().settings(), "form": self.form}
-
-    @classmethod
-    def candidates(cls, arm: Arm, points: Mapping[str, object]) -> Iterator[Effect]:
-        for name, prismatic in zip(arm.joint_names, arm.prismatic, strict=True):
-            for form in get_args(Form):
-                yield cls(name, bool(prismatic), form)
-
-    def deflection(self, arm: Arm, carried: Carried, cases: Cases, x: Array) -> dict[int, Array]:
-        i = self.number(arm)
-        tau = carried.tau_joint[i]
-        return {i: x[0] * tau * (np.abs(tau) if self.form == "quadratic" else tau**2)}
 
 
 class JointCoupling(Effect):

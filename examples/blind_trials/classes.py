@@ -11,7 +11,6 @@ from blind_trials.hidden_around import DRAWS, places
 from blind_trials.oracle import Oracle, end_springs
 from blind_trials.stands import Array
 
-SAME_ABOVE = 0.95
 #: How often a kind's constants are drawn: kinds with directions until they are spanned, others to see how they vary.
 _DRAWN = {
     "joint_hysteresis": 8,
@@ -32,8 +31,8 @@ _SHAPES = ("joint_hysteresis", "joint_hardening", "gravity_compensator")
 _LEAST_SIGMA = 1e-3
 
 
-def class_of(oracle: Oracle, hidden: Hidden, suspects: set[str], rng: np.random.Generator) -> list[str]:
-    """Suspects ("kind at where") that carry the true signature with a correlation above 0.95, the true one included.
+def likenesses(oracle: Oracle, hidden: Hidden, suspects: set[str], rng: np.random.Generator) -> dict[str, float]:
+    """Of suspects ("kind at where") the largest correlation of what they can show with the true signature; the true one has 1.
 
     Parameters
     ----------
@@ -42,22 +41,8 @@ def class_of(oracle: Oracle, hidden: Hidden, suspects: set[str], rng: np.random.
     """
     true = oracle.signature(hidden)
     true = true / np.linalg.norm(true)
-    found = {hidden.name}
-    for name, some in _drawn(oracle, suspects - found, rng):
-        if _carries(oracle, some, true) > SAME_ABOVE:
-            found.add(name)
-    return sorted(found)
-
-
-def nearest(oracle: Oracle, hidden: Hidden, suspects: set[str], rng: np.random.Generator) -> tuple[str, float]:
-    """The suspect that carries most of an effect the catalogue lacks, and the correlation."""
-    true = oracle.signature(hidden)
-    true = true / np.linalg.norm(true)
-    best = ("", 0.0)
-    for name, some in _drawn(oracle, suspects, rng):
-        share = _carries(oracle, some, true)
-        best = (name, share) if share > best[1] else best
-    return best
+    found = {name: _carries(oracle, some, true) for name, some in _drawn(oracle, suspects - {hidden.name}, rng)}
+    return found | ({hidden.name: 1.0} if hidden.known else {})
 
 
 def _drawn(oracle: Oracle, suspects: set[str], rng: np.random.Generator) -> Iterator[tuple[str, list[Hidden]]]:

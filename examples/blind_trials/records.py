@@ -23,6 +23,8 @@ PARAMETERS = {
     "base_compliance": 6,
     "outliers": 9,
 }
+#: Two effects are one class when their left-overs correlate by more than this; or when one shows less than so many sigma that the other does not.
+SAME_ABOVE, WITHIN_NOISE = 0.95, 2.33
 
 
 @dataclass(frozen=True)
@@ -57,10 +59,8 @@ class Record:
         Per named effect everything it may be, its own name first.
     warned
         Per named effect whether the answer says that something outside the catalogue would do about as well.
-    classes
-        The oracle's class of hidden effects, where it was computed.
-    nearest
-        Of effects outside the catalogue the suspect most like it and the correlation, where it was computed.
+    likenesses
+        Of hidden effects that were named or that the catalogue lacks: how like they are to every suspect, where it was computed.
     """
 
     seed: int
@@ -76,8 +76,7 @@ class Record:
     level: float
     p_after: float | None
     seconds: float
-    classes: dict[str, list[str]]
-    nearest: dict[str, tuple[str, float]]
+    likenesses: dict[str, dict[str, float]]
 
     def entry_of(self, truth: Truth) -> tuple[str, ...] | None:
         """The answer's entry that an effect is in, or nothing."""
@@ -96,9 +95,18 @@ class Record:
         return tuple(entry for entry in self.said if entry not in true)
 
     def outside(self, truth: Truth) -> float:
-        """Sigma of an unknown effect that no suspect carries; all of it where the nearest was not computed."""
-        share = self.nearest.get(truth.name, ("", 0.0))[1]
+        """Sigma of an unknown effect that no suspect carries; all of it where that was not computed."""
+        share = max(self.likenesses.get(truth.name, {}).values(), default=0.0)
         return truth.sigma * float(max(1.0 - share**2, 0.0)) ** 0.5
+
+    def class_of(self, truth: Truth, noise: bool) -> set[str]:
+        """The oracle's class: suspects that correlate above 0.95 with a hidden effect, and with `noise` those that would fit within it.
+
+        What such a suspect cannot show of the effect is less than the sigma that one fit excludes another by, once in a hundred.
+        """
+        like = self.likenesses[truth.name]
+        hidden = {name: truth.sigma_kept * max(1.0 - share**2, 0.0) ** 0.5 for name, share in like.items()}
+        return {name for name in like if like[name] > SAME_ABOVE or (noise and hidden[name] < WITHIN_NOISE)}
 
     def outcome(self, truth: Truth) -> str:
         """What became of a hidden effect: found, kind (right kind, wrong place), wrong, abstained or missed."""
@@ -153,6 +161,5 @@ def _record(data: dict[str, Any]) -> Record:
         data["level"],
         d["gap"]["held_out_p_value_after"],
         data["seconds"],
-        data.get("classes", {}),
-        {name: (near, float(share)) for name, (near, share) in data.get("nearest", {}).items()},
+        data.get("likenesses", {}),
     )

@@ -26,7 +26,7 @@ sys.path[:0] = [str(HERE.parents[1]), str(HERE.parent)]
 
 import numpy as np  # noqa: E402
 
-from blind_trials.classes import class_of, nearest  # noqa: E402
+from blind_trials.classes import likenesses  # noqa: E402
 from blind_trials.generator import PLANS, POSTURES, Trial, make_trial, truth_of, write_files  # noqa: E402
 
 #: A trial that takes more processor time than this has failed, s.
@@ -65,8 +65,7 @@ def one_trial(
         record |= diagnose_files(write_files(trial, Path(folder)))
     signal.setitimer(signal.ITIMER_PROF, 0)
     if classes:
-        record["classes"] = _classes(trial, record["document"])
-        record["nearest"] = _nearest(trial, record["document"])
+        record["likenesses"] = _likenesses(trial, record["document"])
     return record
 
 
@@ -74,22 +73,15 @@ def _too_long(*_: object) -> None:
     raise TimeoutError(f"no answer in {LIMIT_S} s of processor time")
 
 
-def _classes(trial: Trial, document: dict[str, Any]) -> dict[str, list[str]]:
-    """The oracle's class of every hidden effect that was named (also within a class)."""
+def _likenesses(trial: Trial, document: dict[str, Any]) -> dict[str, dict[str, float]]:
+    """How like the suspects are to every hidden effect that was named (also within a class) or that the catalogue lacks."""
     rng = np.random.default_rng([trial.seed, 3])
     out = {}
     for p in trial.placed:
         named = any(p.hidden.name in members(e) for e in document["effects"])
-        if named and p.hidden.known and p.hidden.kind != "outliers":
-            out[p.hidden.name] = class_of(trial.oracle_kept, p.hidden, _suspects(document), rng)
+        if (named or not p.hidden.known) and p.hidden.kind != "outliers":
+            out[p.hidden.name] = likenesses(trial.oracle_kept, p.hidden, _suspects(document), rng)
     return out
-
-
-def _nearest(trial: Trial, document: dict[str, Any]) -> dict[str, tuple[str, float]]:
-    """Of every effect outside the catalogue the suspect most like it."""
-    rng = np.random.default_rng([trial.seed, 4])
-    unknown = [p.hidden for p in trial.placed if not p.hidden.known]
-    return {h.name: nearest(trial.oracle_kept, h, _suspects(document), rng) for h in unknown}
 
 
 def _suspects(document: dict[str, Any]) -> set[str]:

@@ -67,9 +67,9 @@ def _band(k: int) -> str:
     return f"{low:.0f} - {high:.0f}" if high < 1e6 else f"above {low:.0f}"
 
 
-def class_ratios(cases: list[Case]) -> list[float]:
-    """Sizes of the classes that were said over the oracle's."""
-    return [len(r.entry_of(t) or ()) / len(r.classes[t.name]) for r, t in cases if t.name in r.classes]
+def class_ratios(cases: list[Case], noise: bool) -> list[float]:
+    """Sizes of the classes that were said over the oracle's; with `noise` it counts what fits within noise as well."""
+    return [len(r.entry_of(t) or ()) / len(r.class_of(t, noise)) for r, t in cases if t.name in r.likenesses]
 
 
 def _mean(values: list[float]) -> str:
@@ -81,16 +81,15 @@ def headline(records: list[Record], cases: list[Case]) -> str:
     nothing = [r for r in records if r.plan == "none"]
     strong = [(r, t) for r, t in cases if t.alone >= 8]
     outside = [(r, t) for r in records for t in r.hidden if not t.known and r.outside(t) >= 5]
-    ratios = class_ratios(cases)
-    clear = class_ratios(strong)
     lines = [
         f"Nothing hidden: a name in {share(sum(bool(r.wrong) for r in nothing), len(nothing))}.",
         f"Effects of 8 sigma and more: found {share(sum(r.outcome(t) == 'found' for r, t in strong), len(strong))}; a wrong name "
         f"instead in {sum(r.outcome(t) == 'wrong' for r, t in strong)}.",
         "Effects that the catalogue lacks, 5 sigma and more unlike anything that it has: a name without a warning in "
         f"{share(sum(r.verdict == 'explained' and not all(r.warned) for r, _ in outside), len(outside))}.",
-        f"Classes are {_mean(ratios)} times the oracle's on average, {_mean(clear)} times for effects of 8 sigma and more. The oracle counts "
-        "what correlates above 0.95; the program also what fits as well within noise, and of a weak effect much does.",
+        f"Classes are {_mean(class_ratios(cases, True))} times the oracle's on average, {_mean(class_ratios(strong, True))} times for effects "
+        "of 8 sigma and more. Both count what correlates above 0.95 and what fits within noise, of which a weak effect has much; over what "
+        f"correlates alone the ratios are {_mean(class_ratios(cases, False))} and {_mean(class_ratios(strong, False))}.",
     ]
     return "\n".join(f"- {line}" for line in lines) + "\n"
 
@@ -203,15 +202,17 @@ def unknown(records: list[Record]) -> str:
 def classes(cases: list[Case]) -> str:
     """Sizes of classes against the oracle's, by kind and by visible size."""
     rows = []
-    known = [(r, t) for r, t in cases if t.name in r.classes]
+    known = [(r, t) for r, t in cases if t.name in r.likenesses]
     groups = {kind: [(r, t) for r, t in known if t.kind == kind] for kind in sorted({t.kind for _, t in known})}
     groups |= {f"all, {_band(k)} sigma": [(r, t) for r, t in known if band_of(t) == k] for k in range(len(BANDS))}
     for name, own in {**groups, "all": known}.items():
         if own:
             said = np.mean([len(r.entry_of(t) or ()) for r, t in own])
-            true = np.mean([len(r.classes[t.name]) for r, t in own])
-            rows.append([name, len(own), f"{said:.2f}", f"{true:.2f}", _mean(class_ratios(own))])
-    return table(["class of", "trials", "said", "oracle", "ratio"], rows)
+            row = [name, len(own), f"{said:.2f}"]
+            for noise in (True, False):
+                row += [f"{np.mean([len(r.class_of(t, noise)) for r, t in own]):.2f}", _mean(class_ratios(own, noise))]
+            rows.append(row)
+    return table(["class of", "trials", "said", "oracle", "ratio", "oracle, correlation alone", "ratio"], rows)
 
 
 def uniformity(records: list[Record]) -> str:

@@ -43,16 +43,66 @@ def test_a_drift_that_settles_at_once_is_refused(T):
         make_effect("tracker_drift", "tracker", {"settling_s": T})
 
 
-def test_a_form_of_hardening_that_is_not_known_is_not_taken_for_another():
-    with pytest.raises(InputError, match="found form: 'cube'; expected quadratic or cubic"):
-        make_effect("joint_hardening", "joint_2", {"form": "cube"})
+def carrying(tau):
+    """Joint 2 carries these torques."""
+    torque = np.zeros((6, len(tau)))
+    torque[1] = tau
+    return Carried(torque, [None] * 7, np.zeros_like(torque))
 
 
-def test_all_drifts_that_a_search_tries_come_back_from_a_file(arms):
-    drifts = list(effect_kinds()["tracker_drift"].candidates(arms["kr270"], {}))
-    assert len(drifts) > 1
-    for drift in (*drifts, *(near for own in drifts for near in own.neighbours(0.5))):
-        assert make_effect(drift.kind, drift.where, drift.settings()).settings() == drift.settings()
+def turned(effect, arm, tau):
+    n = len(tau)
+    cases = Cases(np.zeros((6, n)), np.zeros((6, n)), np.zeros(3), np.zeros(n, dtype=int), np.arange(n))
+    return effect.deflection(arm, carrying(tau), cases, np.ones(1))[1]
+
+
+@pytest.mark.parametrize(
+    ("settings", "factor"),
+    [({"form": "quadratic"}, 4.0), ({"form": "cubic"}, 8.0), ({"form": "contact"}, 2 ** (2 / 3))],
+)
+def test_a_spring_that_hardens_turns_by_a_power_of_the_torque_and_back(arms, settings, factor):
+    effect = make_effect("joint_hardening", "joint_2", settings)
+    once, twice, back = turned(effect, arms["kr270"], [900.0, 1800.0, -900.0])
+    assert twice / once == pytest.approx(factor, rel=1e-4)
+    assert back == -once
+
+
+def test_a_soft_start_ends_at_its_knee(arms):
+    effect = make_effect("joint_hardening", "joint_2", {"form": "two_slopes", "knee": 300.0})
+    np.testing.assert_allclose(
+        turned(effect, arms["kr270"], [-900.0, 150.0, 300.0, 900.0]), [-300.0, 150.0, 300.0, 300.0]
+    )
+
+
+@pytest.mark.parametrize(
+    ("tau", "shown"),
+    [(np.linspace(-900, 900, 50), True), (np.linspace(400, 900, 50), False), (np.full(50, 90.0), False)],
+)
+def test_a_knee_shows_where_loads_lie_on_both_sides_of_it(arms, tau, shown):
+    effect = make_effect("joint_hardening", "joint_2", {"form": "two_slopes", "knee": 350.0})
+    assert effect.idle(arms["kr270"], carrying(tau)) is not shown
+
+
+@pytest.mark.parametrize(
+    ("settings", "words"),
+    [
+        ({"form": "cube"}, "found form: 'cube'; expected quadratic, cubic, contact, two_slopes"),
+        ({"form": "two_slopes"}, "found form: two_slopes with knee: None; expected a torque above zero"),
+        ({"form": "two_slopes", "knee": -3.0}, "with knee: -3.0; expected a torque above zero"),
+        ({"form": "cubic", "knee": 300.0}, "found form: cubic with knee: 300.0; expected .* none where it is another"),
+    ],
+)
+def test_a_form_of_hardening_that_is_not_known_is_not_taken_for_another(settings, words):
+    with pytest.raises(InputError, match=words):
+        make_effect("joint_hardening", "joint_2", settings)
+
+
+@pytest.mark.parametrize("kind", ["tracker_drift", "joint_hardening"])
+def test_all_constants_that_a_search_tries_come_back_from_a_file(arms, kind):
+    tried = list(effect_kinds()[kind].candidates(arms["kr270"], {}))
+    assert len(tried) > 1
+    for effect in (*tried, *(near for own in tried for near in own.neighbours(0.5))):
+        assert make_effect(effect.kind, effect.where, effect.settings()).settings() == effect.settings()
 
 
 @pytest.mark.parametrize(("largest", "slips"), [(99.0, False), (101.0, True)])

@@ -1,0 +1,52 @@
+"""What a class of suspects holds: the truth, however the noise falls, and little else."""
+
+import numpy as np
+import pytest
+
+from drake_stiffness.diagnosis import evidence
+from drake_stiffness.diagnosis.naming import may_be
+from drake_stiffness.diagnosis.suspects import Suspect
+
+ROWS, TRIALS = 60, 2000
+
+
+def trial(S, r):
+    Q = evidence.basis_of(S)
+    fit = Q @ (Q.T @ r)
+    return evidence.Tested(
+        Suspect("some", "where", ()), 0, float(fit @ fit), 0.0, 0.0, 0.0, np.zeros(Q.shape[1]), fit, (Q,)
+    )
+
+
+def like(rng, truth, correlation):
+    """A column of that correlation with a unit vector."""
+    across = rng.normal(size=ROWS)
+    across -= truth * (truth @ across)
+    return correlation * truth + np.sqrt(1 - correlation**2) * across / np.linalg.norm(across)
+
+
+@pytest.mark.parametrize("sigma", [3.0, 6.0, 15.0])
+@pytest.mark.parametrize("freedom", ["as free", "the truth is freer", "the truth is simpler", "the truth is a part"])
+def test_the_truth_is_left_out_of_the_class_of_another_once_in_a_hundred(freedom, sigma):
+    rng = np.random.default_rng(4)
+    truth = np.eye(ROWS)[0]
+    true, chosen = truth[:, None], like(rng, truth, 0.8)[:, None]
+    if freedom == "the truth is freer":
+        true = np.hstack([true, rng.normal(size=(ROWS, 4))])
+    elif freedom != "as free":
+        chosen = np.hstack([chosen, rng.normal(size=(ROWS, 4))])
+        if freedom == "the truth is a part":
+            chosen[:, 1] = truth
+    data = sigma * truth + rng.normal(size=(TRIALS, ROWS))
+    pairs = [(trial(true, r), trial(chosen, r)) for r in data]
+    out = np.mean([not may_be(a, b, 1.0) for a, b in pairs])
+    assert out < 0.025, f"left out {100 * out:.1f} %"
+
+
+def test_who_is_far_behind_is_not_in_the_class():
+    rng = np.random.default_rng(5)
+    truth = np.eye(ROWS)[0]
+    other = np.hstack([like(rng, truth, 0.8)[:, None], rng.normal(size=(ROWS, 2))])
+    data = 15.0 * truth + rng.normal(size=(500, ROWS))
+    kept = np.mean([may_be(trial(other, r), trial(truth[:, None], r), 1.0) for r in data])
+    assert kept < 0.01
