@@ -174,10 +174,11 @@ def show_compensation(console: Console, result: Compensation, output: Path | Non
         merged = " (* known in sums only)" if any(not c["told_apart"] for c in d["causes"]) else ""
         console.print(f"What bends the tool aside: {shares}{merged}.", markup=False)
     share = d["percent_compensated"]
-    compensated = f"{share:.2f} %" if share == share else "nothing to be"
+    digit = f"half a printed digit is {d['half_printed_digit_mm']:g} mm"
     console.print(
-        f"Predicted by this model: {compensated} compensated in {d['iterations']} iterations; half a printed digit "
-        f"is {d['half_printed_digit_mm']:g} mm."
+        f"Predicted by this model: {share:.2f} % compensated in {d['iterations']} iterations; {digit}."
+        if share == share
+        else f"Nothing to compensate that these numbers could hold: {digit}, the predicted deviation less."
     )
     for refusal in result.refusals[:20]:
         console.print(f"! line {refusal.line} left as it was: {refusal.reason}", markup=False)

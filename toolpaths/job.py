@@ -190,7 +190,7 @@ def _account(
         program, model, process, path, result.deflection, done.residual, done.correction_mm, done.q, measured
     )
     check_support(program, rows, account.interval.unsupported)
-    notes = notes_of(program, model, process, path, account, done.correction_mm)
+    notes = notes_of(program, model, process, path, account, result.before * 1e3)
     return Compensation(
         program=program,
         parts=done.written.parts,

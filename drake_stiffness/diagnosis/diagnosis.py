@@ -13,7 +13,7 @@ from drake_stiffness.diagnosis.confirmation import HeldOut, held_out, placebo_sh
 from drake_stiffness.diagnosis.doubts import (
     NO_CHANCE,
     doubtful_names,
-    effect_behind,
+    effects_behind,
     hint,
     own_rest,
     stand_ins,
@@ -137,7 +137,8 @@ def diagnose(task: Task, progress: Callable[[str], None], model: Model | None = 
             break
         known = () if found is None else found.named
         progress(f"leaving out {worst.name}")
-        outliers.append(worst)
+        left = bench.left(()) if found is None else found.left
+        outliers.append(replace(worst, instead=effects_behind(left, testable, worst)))
         data = replace(data, fitted=without(data.fitted, worst.name))
     return _confirm(data, base, found, tuple(outliers), untestable, noise, progress)
 
@@ -214,9 +215,9 @@ def _confirm(
     while (
         len(outliers) < _limit(data.fitted) + 1 and (worst := held_outlier(found.solution, o_held, ratio)) is not None
     ):
-        if behind := effect_behind(_of_all(data, found, outliers), found.bench.found, worst):
+        if behind := effects_behind(_of_all(data, found, outliers), found.bench.found, worst):
             sticking[f"outliers at {worst.name}"] = (
-                f"held out, it sticks out of what the others say; over all experiments {behind} explains as much. Hold out others, or "
+                f"held out, it sticks out of what the others say; over all experiments {behind[0]} explains as much. Hold out others, or "
                 "measure more like it"
             )
             break

@@ -108,7 +108,7 @@ def _outlier(x: Any) -> dict[str, Any]:
         "parameters": {},
         "derived": {},
         "evidence": {"p_value": x.p_value, "excess": x.excess, "rms_sigma": x.rms_sigma},
-        "confounded_with": [],
+        "confounded_with": [dict(zip(("kind", "where"), name.split(" at ", 1), strict=True)) for name in x.instead],
     }
 
 
@@ -117,14 +117,20 @@ def _rejected(d: Diagnosis) -> list[dict[str, Any]]:
         {"kind": name.partition(" at ")[0], "where": name.partition(" at ")[2], "why": why}
         for name, why in d.withdrawn.items()
     ]
-    named = {n.tested.suspect.name for n in d.search.named}
+    # What may be as well as what is named is not ruled out.
+    said = (
+        {t.suspect.name for n in d.search.named for t in (n.tested, *n.confounded)}
+        | set(d.withdrawn)
+        | set(d.search.faults)
+    )
+    said |= {name for x in d.outliers for name in x.instead}
+    tested = [t for t in (*d.search.last.passed, *d.search.last.failed) if t.suspect.name not in said]
     out += [
         {"kind": t.suspect.kind, "where": t.suspect.where, "why": why_not(t, d.search.last.level, len(d.search.named))}
-        for t in [*d.search.last.passed, *d.search.last.failed]
-        if t.suspect.name not in named and t.suspect.name not in d.withdrawn and not isinstance(t.suspect, Further)
+        for t in tested
+        if not isinstance(t.suspect, Further)
     ]
-    said = named | set(d.withdrawn) | set(d.search.faults)
-    said |= {t.suspect.name for t in (*d.search.last.passed, *d.search.last.failed)}
+    said |= {t.suspect.name for t in tested}
     out += [
         {
             "kind": s.kind,

@@ -150,10 +150,10 @@ def sticks_out(left: Remaining, outlier: Outlier) -> bool:
     return best > score(outlier.excess + outlier.unknowns, outlier.unknowns, places, 1.0)
 
 
-def effect_behind(left: Remaining, found: Sequence[Suspect], outlier: Outlier) -> str:
-    """The suspect that explains, over all experiments together, as much as calling one of them an outlier does; empty if none does.
+def effects_behind(left: Remaining, found: Sequence[Suspect], outlier: Outlier) -> tuple[str, ...]:
+    """Suspects that explain, over all experiments together, as much as calling one of them an outlier does; best first.
 
-    A joint that hardens may show in the single posture that loads it most; if that one was held out, the others did not name it.
+    A joint that hardens may show in the single posture that loads it most, play in the single step that reverses a torque.
 
     Parameters
     ----------
@@ -162,13 +162,13 @@ def effect_behind(left: Remaining, found: Sequence[Suspect], outlier: Outlier) -
     """
     m = left.scene.o.measurements
     places = 2 * (len(m.experiments) + m.cases.number)
-    best = score(outlier.excess + outlier.unknowns, outlier.unknowns, places, 1.0), ""
+    enough, out = score(outlier.excess + outlier.unknowns, outlier.unknowns, places, 1.0), []
     for suspect in found:
         rests = rests_of(left, suspect, {})
-        t = best_variant(left, suspect, rests, [basis_of(S) for S in rests]) if rests else None
+        t = best_variant(left, suspect, rests, [basis_of(S) for S in rests])
         if t is not None:
-            best = max(best, (score(t.explained, t.coefficient.size, len(rests), outlier.noise), suspect.name))
-    return best[1]
+            out.append((score(t.explained, t.coefficient.size, len(rests), outlier.noise), suspect.name))
+    return tuple(name for worth, name in sorted(out, reverse=True) if worth > enough)
 
 
 def own_rest(found: Search) -> list[Named]:

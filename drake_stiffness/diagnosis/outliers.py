@@ -44,6 +44,8 @@ class Outlier:
         Squared noise of the others, in units of the stated one.
     unknowns : int
         What it gives up: rows, or the unknowns of a mistake.
+    instead : tuple of str
+        Suspects that explain as much over all experiments together: it may be no outlier.
     """
 
     name: str
@@ -52,6 +54,7 @@ class Outlier:
     rms_sigma: float
     noise: float
     unknowns: int
+    instead: tuple[str, ...] = ()
 
 
 def find_outlier(left: Remaining, best_gain: float, noise_ratio: float) -> Outlier | None:

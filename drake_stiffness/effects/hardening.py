@@ -22,8 +22,8 @@ _POWERS: dict[str, float] = {"quadratic": 2.0, "cubic": 3.0, "contact": 2.0 / 3.
 KNEES = tuple(10.0 * 1.5**k for k in range(15))
 # Below this torque an indentation is linear: bodies in contact are pressed together before they are loaded.
 _PRESSED = 5.0
-# With fewer of the loads below the knee, or above it, than these shares, that side's slope is not seen: it is lost motion, or a spring.
-_BELOW, _ABOVE = 0.3, 0.03
+# With fewer of the loads on the way to the knee, or above it, than these shares, that slope is not seen: it is lost motion, or a spring.
+_BELOW, _ABOVE, _ON_THE_WAY = 0.2, 0.03, 0.2
 
 
 class JointHardening(JointEffect):
@@ -89,8 +89,9 @@ class JointHardening(JointEffect):
         """A joint that is loaded on one side of the knee only shows one slope."""
         if self.knee is None:
             return False
-        below = float(np.mean(np.abs(carried.tau_joint[self.number(arm)]) < self.knee))
-        return below < _BELOW or below > 1 - _ABOVE
+        share = np.abs(carried.tau_joint[self.number(arm)]) / self.knee
+        below, above = np.mean((share > _ON_THE_WAY) & (share < 1)), np.mean(share > 1)
+        return bool(below < _BELOW or above < _ABOVE)
 
     def deflection(self, arm: Arm, carried: Carried, cases: Cases, x: Array) -> dict[int, Array]:
         i = self.number(arm)

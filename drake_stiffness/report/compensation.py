@@ -63,7 +63,7 @@ def answer(result: Compensation) -> str:
             f"{d['percent_compensated']:.2f} % compensated by the model's own reckoning."
         )
     else:
-        parts.append("There is nothing to compensate, so no number of the program changes.")
+        parts.append("That is less than half a printed digit: the program could not hold a correction.")
     high = d["residual_interval_mm"]["high"]["p95"]
     if np.isfinite(sigma):
         parts.append(
@@ -168,7 +168,7 @@ def _deviation(result: Compensation) -> list[h.Markup]:
             f"{h.number(d['percent_compensated'], 5)} % of the mean deviation is compensated in {d['iterations']} iterations; each step "
             f"shrinks the rest to {h.number(d['largest_contraction'], 2)} of it or less."
             if np.isfinite(d["percent_compensated"])
-            else "No deviation is predicted."
+            else "No deviation is predicted that the printed digits could hold."
         ),
     ]
 

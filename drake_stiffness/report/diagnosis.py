@@ -104,7 +104,8 @@ def _callouts(result: Diagnosed) -> list[h.Markup]:
             h.callout(
                 f"OUTLIER {x.name}:",
                 f"fits nothing ({h.number(x.rms_sigma, 2)} sigma rms, {p_words(x.p_value)}) and was left out.",
-                "Look at the log book: a bumped tracker, a wrong load, a wrong posture. Measure it again or set weight 0.",
+                "Look at the log book: a bumped tracker, a wrong load, a wrong posture. Measure it again or set weight 0."
+                + (f" Or it alone shows {' or '.join(x.instead)}: measure more like it." if x.instead else ""),
             )
         )
     for name, why in d.withdrawn.items():

@@ -13,6 +13,7 @@ from drake_stiffness.diagnosis import suspects
 from drake_stiffness.diagnosis.bench import Bench, Named
 from drake_stiffness.diagnosis.confirmation import held_out
 from drake_stiffness.diagnosis.diagnosis import diagnose
+from drake_stiffness.diagnosis.document import diagnosis_document
 from drake_stiffness.diagnosis.doubts import unrefuted
 from drake_stiffness.diagnosis.naming import try_all
 from drake_stiffness.diagnosis.search import Search, weighed
@@ -106,3 +107,20 @@ def test_what_unseen_experiments_do_not_show_does_not_stand(tmp_path, plan, play
     if not everywhere:
         assert "readings that took no part" in d.withdrawn[PLAY] or "of the gap on unseen" in d.withdrawn[PLAY]
         assert d.verdict == "unexplained"
+
+
+def test_a_step_that_alone_shows_an_effect_may_be_an_outlier_or_that_effect(tmp_path, plan):
+    """Of all loads one turns the torque of joint 2 against the weight: either its gear has play, or that reading is wrong."""
+    path = write(
+        tmp_path,
+        table(run(plan, with_physics(Backlash(1, 1e-4, 50.0, 0.0, 4000.0))), 1),
+        hold_out={"experiments": list(HELD)},
+    )
+    d = diagnose(read_task(path), lambda text: None)
+    assert [(x.name, x.instead) for x in d.outliers] == [("E12:13", ("joint_backlash at joint_2",))]
+    document = diagnosis_document(d, {}, None)
+    (entry,) = document["effects"]
+    assert entry["confounded_with"] == [{"kind": "joint_backlash", "where": "joint_2"}]
+    assert ("joint_backlash", "joint_2") not in [(r["kind"], r["where"]) for r in document["rejected"]], (
+        "what may be is not ruled out"
+    )

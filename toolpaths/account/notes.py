@@ -18,7 +18,7 @@ _GEOMETRY = ("joint_zero_offset", "link_geometry")
 
 
 def notes_of(
-    program: Program, model: Model, process: Process, path: LoadedPath, account: Account, correction_mm: Floats
+    program: Program, model: Model, process: Process, path: LoadedPath, account: Account, before_mm: Floats
 ) -> list[str]:
     """Notes on model, program, force, controller and correction, gravest first."""
     line = program.line[path.rows].astype(int)
@@ -27,7 +27,7 @@ def notes_of(
         *account.turning.notes(line),
         *account.evenness.notes(line),
         *account.blending.notes(),
-        *_program_notes(program, process, path, correction_mm),
+        *_program_notes(program, process, path, before_mm),
         *_uncertainty_notes(process, account),
         *controller_notes(process, any(effect.kind in _GEOMETRY for effect in model.effects), _blends(account)),
     ]
@@ -41,7 +41,7 @@ def _blends(account: Account) -> str:
     return f"{low:g} mm" if low == high else f"{low:g} to {high:g} mm"
 
 
-def _program_notes(program: Program, process: Process, path: LoadedPath, correction_mm: Floats) -> list[str]:
+def _program_notes(program: Program, process: Process, path: LoadedPath, before_mm: Floats) -> list[str]:
     rows, only = path.rows, path.only
     notes = [f"line {n.line}: {n.reason}" for n in program.notes[:20]]
     notes += list(program.warnings)
@@ -69,10 +69,10 @@ def _program_notes(program: Program, process: Process, path: LoadedPath, correct
             "sag under weight is corrected too (reference: rigid): the robot must not have its own sag compensation on"
         )
     coarse = float(np.nanmax(quantum_mm(program)[rows]))
-    largest = float(np.linalg.norm(correction_mm, axis=1).max())
-    if coarse > 0.2 * max(largest, 1e-9):
+    largest = float(before_mm.max())
+    if coarse > 0.2 * largest > 0:
         notes.append(
-            f"the program prints to {2 * coarse:g} mm, while the largest correction is {largest:.3f} mm; print more decimals"
+            f"the program prints to {2 * coarse:g} mm, while the largest deviation to be corrected is {largest:.3f} mm; print more decimals"
         )
     return notes
 
