@@ -137,7 +137,8 @@ def _depth_gain(program: Program, bench: Bench, rows: NDArray[np.int_], q: Float
             program,
             rows[gain >= 1.0],
             f"where arm and cut drive each other: the force changes with the depth of cut by up to {gain.max():.4g} times what the arm "
-            "gives back (less than 1 is needed). Cut less deep or with less feed",
+            "gives back (less than 1 is needed)",
+            "Cut less deep or with less feed, or where the arm is stiffer (`drake-stiffness map`).",
         )
     return gain
 
@@ -248,11 +249,11 @@ def postures_on(
     return postures
 
 
-def fail(program: Program, rows: NDArray[np.int_], what: str) -> None:
-    """Refuse a program for what is wrong with some of its rows."""
+_ELSEWHERE = "Check workpiece, posture_deg and tool.tcp, or move the workpiece."
+
+
+def fail(program: Program, rows: NDArray[np.int_], what: str, mend: str = _ELSEWHERE) -> None:
+    """Refuse a program for what is wrong with some of its rows, and say how to mend it."""
     lines = list(dict.fromkeys(line_before(program.replaced, line) for line in program.line[rows].tolist()))
     shown = ", ".join(map(str, lines[:20])) + (f" and {len(lines) - 20} more" if len(lines) > 20 else "")
-    raise UntrustworthyError(
-        f"{program.path}: {len(lines)} line{'s' * (len(lines) > 1)} {what}: line {shown}. Check workpiece, posture_deg and tool.tcp, or "
-        "move the workpiece."
-    )
+    raise UntrustworthyError(f"{program.path}: {len(lines)} line{'s' * (len(lines) > 1)} {what}: line {shown}. {mend}")

@@ -46,6 +46,7 @@ def check_result(program: Program, model: Model, rows: Ints, result: Corrected) 
             program,
             rows[~result.converged],
             f"whose mirror iteration does not come to rest (steps shrink by {worst:.2g} only)",
+            "The arm gives too much for this force there: cut with less force, or where it is stiffer (`drake-stiffness map`).",
         )
     outside = outside_limits(model.arm, result.q)
     if outside:
@@ -60,4 +61,5 @@ def check_support(program: Program, rows: Ints, share: Floats) -> None:
             rows[share > REFUSE_ABOVE],
             f"where the model's campaign does not support the prediction (up to {100 * share.max():.0f} % of it rests on "
             "compliances that its loads and postures never showed)",
+            "Measure postures and loads like those of this program (`drake-stiffness design CELL --criterion toolpath --program PROGRAM`).",
         )

@@ -118,7 +118,8 @@ def weighed(found: Search, known: Sequence[Named] = (), barred: frozenset[str] =
     named = _evidence_of_each(found.bench, list(found.named))
     weak = [n for n in named if n.tested.p_value >= n.level]
     if not weak:
-        return replace(found, named=tuple(named))
+        effects = effects_of(named)
+        return replace(found, named=tuple(named), solution=found.bench.fit(effects), left=found.bench.left(effects))
     if known:
         return weighed(search(found.bench))
     worst = max(weak, key=lambda n: n.tested.p_value)
@@ -205,12 +206,12 @@ def _alike(a: Tested, b: Tested) -> bool:
 
 
 def _evidence_of_each(bench: Bench, named: list[Named]) -> list[Named]:
-    """The evidence for each named effect with all the others in the model, and its class; strongest first."""
-    out = []
+    """The evidence for each named effect with all the others in the model, and its class, led by its best; strongest first."""
+    out = list(named)
     per_dof = bench.left(effects_of(named)).per_dof
-    for n in named:
+    for k, n in enumerate(named):
         bench.progress(f"weighing {n.tested.suspect.name} beside the others")
-        others = [m for m in named if m is not n]
+        others = [m for m in out if m is not n]
         left = bench.left(effects_of(others))
         found = [_fixed(s, n) for s in bench.found if s.name not in _names(others)]
         around = try_all(left, found, bench.seed)
@@ -218,13 +219,15 @@ def _evidence_of_each(bench: Bench, named: list[Named]) -> list[Named]:
         own = next((t for t in able if t.suspect.name == n.tested.suspect.name), n.tested)
         able = [_refined(left, t, own) for t in able]
         same = confounded_with(own, able, per_dof)
-        best = max((own, *same), key=lambda t: t.explained / per_dof - bench.cost(t))
+        best = max(
+            (own, *(t for t in same if t.p_value < around.level)), key=lambda t: t.explained / per_dof - bench.cost(t)
+        )
         if (best.explained - own.explained) / per_dof > bench.cost(best) - bench.cost(own) + _CLEARLY:
             joined = bench.join(others, best, around)
             if not isinstance(joined, str):
                 n, own = joined, best
                 same = confounded_with(own, able, per_dof)
-        out.append(replace(n, tested=own, confounded=tuple(same), level=around.level))
+        out[k] = replace(n, tested=own, confounded=tuple(same), level=around.level)
     return sorted(out, key=lambda n: -n.tested.gain)
 
 

@@ -67,6 +67,17 @@ def test_a_name_that_another_makes_needless_goes(tmp_path, played):
     assert needless not in names
 
 
+def test_the_best_of_a_class_leads_it_and_is_in_the_model(tmp_path, played):
+    """Friction is all that joined; play in the same joint may be as well, and explains clearly more."""
+    found = named_so(
+        read_task(write(tmp_path, table(played, 1))), np.ones(12, dtype=bool), "joint_hysteresis at joint_1"
+    )
+    better = weighed(found)
+    assert [n.tested.suspect.name for n in better.named] == [PLAY]
+    assert any(e is better.named[0].effect for e in better.solution.model.effects)
+    assert better.left.r @ better.left.r < found.left.r @ found.left.r
+
+
 def test_a_name_that_unseen_readings_speak_against_goes_alone(tmp_path, plan, played):
     """Three experiments decide: where they have the play its name stays; where they lack it, it goes."""
     held = np.isin([f"E{e + 1:02d}" for e in plan.course.experiment], HELD)
