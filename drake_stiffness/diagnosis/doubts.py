@@ -54,12 +54,15 @@ def stand_ins(found: Search, left_base: Remaining) -> tuple[dict[str, str], dict
     noise, forms = found.left.per_dof, strangers(left_base.scene)
     all_of_them = float(left_base.r @ left_base.r) - float(found.left.r @ found.left.r)
     names = [n.tested.suspect.name for n in found.named]
-    if len(names) > 1:
-        best = likeness(left_base, forms, noise)[0]
-        if best.score > all_of_them / noise - sum(found.bench.cost(n.tested) for n in found.named) + _CLEARLY:
-            return dict.fromkeys(names, _why(best, all_of_them, len(names))), {}
     out: dict[str, str] = {}
     as_good: dict[str, str] = {}
+    if len(names) > 1:
+        best = likeness(left_base, forms, noise)[0]
+        together = all_of_them / noise - sum(found.bench.cost(n.tested) for n in found.named)
+        if best.score > together + _CLEARLY:
+            return dict.fromkeys(names, _why(best, all_of_them, len(names))), {}
+        if best.score > together - _CLEARLY:
+            as_good = dict.fromkeys(names, best.what)
     for n, name in zip(found.named, names, strict=True):
         others = [m for m in found.named if m is not n]
         best = likeness(without(left_base, others) if others else left_base, forms, noise)[0]

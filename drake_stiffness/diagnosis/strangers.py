@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from itertools import product
 
 import numpy as np
 
@@ -94,11 +95,11 @@ def likeness(left: Remaining, found: Sequence[Stranger], noise: float) -> list[L
 
 def strangers(scene: Scene) -> list[Stranger]:
     """Everything that is tried, at a fitted model."""
-    return [*_in_joints(scene), *_at_the_foot(scene), *_in_links(scene), *_of_time(scene)]
+    return [*_in_joints(scene), *_pulls(scene), *_at_the_foot(scene), *_in_links(scene), *_of_time(scene)]
 
 
 def _in_joints(scene: Scene) -> Iterator[Stranger]:
-    arm, cases = scene.model.structure.arm, scene.cases
+    arm = scene.model.structure.arm
     elapsed = _elapsed(scene)
     interval = float(np.median(elapsed[elapsed > 0])) if (elapsed > 0).any() else _STEP_S
     for i, name in enumerate(arm.joint_names):
@@ -112,11 +113,36 @@ def _in_joints(scene: Scene) -> Iterator[Stranger]:
         lags = [crept(tau, elapsed, scene, interval * share) - tau for share in _RELAXATIONS]
         yield Stranger(f"creep in {name}", tuple(turned([lag]) for lag in lags))
         yield Stranger(f"{name} gives more to one side than to the other", (turned([np.abs(tau)]),))
-        if not scene.o.displacement and i + 1 < arm.num_joints:
-            # What pulls across two joints, as hoses do, turns the first by a function of both angles.
-            a, b = ([np.ones_like(tau), np.sin(q), np.cos(q)] for q in cases.q[[i, i + 1]])
-            waves = [x * y * 1e3 for x in a for y in b][1:]
-            yield Stranger(f"a pull across {name} and {arm.joint_names[i + 1]}", (turned(waves),))
+
+
+def _pulls(scene: Scene) -> Iterator[Stranger]:
+    """What pulls across two or three joints, as hoses do: it stores energy that is a function of their angles.
+
+    The square of the distance between two links is linear in the sine and cosine of every angle between them. So is the energy of
+    a spring without free length, and much of that of a hose; each joint gives by its compliance times the slope.
+    """
+    arm, q = scene.model.structure.arm, scene.cases.q
+    if scene.o.displacement:
+        return
+    k = [own or ROTATION_SCALE for own in scene.model.structure.k_joint]
+    for i in range(arm.num_joints):
+        for end in (i + 2, i + 3):
+            joints = range(i, min(end, arm.num_joints))
+            if len(joints) < end - i or any(arm.prismatic[j] for j in joints):
+                continue
+            value = {j: (np.ones_like(q[j]), np.sin(q[j]), np.cos(q[j])) for j in joints}
+            slope = {j: (np.zeros_like(q[j]), np.cos(q[j]), -np.sin(q[j])) for j in joints}
+            columns = []
+            for term in list(product(range(3), repeat=len(joints)))[1:]:
+                place = dict(zip(joints, term, strict=True))
+                turns = {
+                    j: -1e3 * k[j] * np.prod([(slope if h == j else value)[h][n] for h, n in place.items()], axis=0)
+                    for j in joints
+                }
+                columns.append(scene.deflected(turns))
+            names = [arm.joint_names[j] for j in joints]
+            across = f"{', '.join(names[:-1])} and {names[-1]}"
+            yield Stranger(f"a pull across {across}", (whitened(scene.o, np.stack(columns, axis=2)),))
 
 
 def _elapsed(scene: Scene) -> Array:

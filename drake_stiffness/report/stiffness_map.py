@@ -34,7 +34,7 @@ def map_report(found: StiffnessMap, model: Model, process: Process) -> str:
     sentence += f"; as it is now {here:.4g}." if np.isfinite(here) else "; as it is now the arm cannot machine there."
     heights = np.unique(found.place_m[:-1, 2].round(9))
     figures = [_picture(found, height, f"{what} at z = {height:.3f} m, seen from above.") for height in heights]
-    states, counts = np.unique(found.state, return_counts=True)
+    states, counts = np.unique(found.state[:-1], return_counts=True)
     return h.page(
         "Stiffness map of the cell",
         f"{len(found.place_m) - 1} places, process {process.path.name}.",

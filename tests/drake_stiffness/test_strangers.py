@@ -1,20 +1,26 @@
 """Forms that the catalogue lacks: they take names away that stand in for them, and only those."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hidden_campaigns import draw, run, table, with_physics, write
 from plants.creep import Creep
+from plants.dress_pack import DressPack
 from plants.friction import DahlFriction
 
 from drake_stiffness.diagnosis.diagnosis import diagnose
 from drake_stiffness.diagnosis.document import diagnosis_document
+from drake_stiffness.diagnosis.evidence import basis_of
 from drake_stiffness.diagnosis.naming import remaining
-from drake_stiffness.diagnosis.signatures import Scene
+from drake_stiffness.diagnosis.signatures import Scene, signature
 from drake_stiffness.diagnosis.strangers import crept, likeness, score, strangers
 from drake_stiffness.diagnosis.words import limits_in_words
-from drake_stiffness.effects import harmonics
+from drake_stiffness.effects import effect_kinds, harmonics
 from drake_stiffness.effects.catalogue import make_effect
 from drake_stiffness.identification import identify
+from drake_stiffness.observation import whitened
+from drake_stiffness.start import starting_model
 from drake_stiffness.task import read_task
 
 POSTURES = 10
@@ -54,6 +60,27 @@ def test_friction_that_develops_keeps_its_name(tmp_path, plan):
     assert [(e["kind"], e["where"]) for e in document["effects"]] == [("joint_hysteresis", "joint_2")]
     assert document["verdict"] == "explained"
     assert d.withdrawn == {}
+
+
+def test_a_hose_looks_more_like_a_pull_across_joints_than_like_any_error_of_one(tmp_path, plan):
+    """In positions; from link 4 to the flange, with a pull that goes with the square of its length."""
+    hose = DressPack(3, np.array([0.1, 0.2, 0.1]), np.array([0.05, -0.1, 0.12]), 400.0, 0.8)
+    pulled = run(plan, lambda world: world.with_arm(pulls=(hose,)))
+    task = read_task(write(tmp_path, table(replace(pulled, exact=run(plan).exact), 2), quantity="position"))
+    scene = Scene(starting_model(task.model, task.measurements), task.observations())
+    change = np.zeros((pulled.exact[..., 0].size, 6, 1))
+    change[:, :3, 0] = (pulled.exact - run(plan).exact).reshape(-1, 3)
+    true = whitened(scene.o, change)[:, 0]
+
+    def share(S):
+        Q = basis_of(S)
+        return np.linalg.norm(Q.T @ true) ** 2 / (true @ true)
+
+    pulls = {s.what: share(s.variants[0]) for s in strangers(scene) if "pull" in s.what}
+    errors = [share(signature(scene, e)) for e in effect_kinds()["joint_periodic_error"].candidates(task.model.arm, {})]
+    assert max(pulls, key=pulls.__getitem__).startswith("a pull across joint_4, joint_5 and joint_6")
+    assert max(pulls.values()) > 0.95
+    assert 1 - max(pulls.values()) < 0.1 * (1 - max(errors)), f"{max(pulls.values())}"
 
 
 def test_a_kelvin_element_follows_with_its_time(tmp_path, plan):
