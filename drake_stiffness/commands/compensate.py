@@ -8,6 +8,8 @@ from typing import Annotated
 import typer
 
 from drake_stiffness.commands.console import (
+    BesideOption,
+    DialectOption,
     JsonOption,
     KindsOption,
     ReportOption,
@@ -30,14 +32,7 @@ def compensate(
     output: Annotated[
         Path | None, typer.Option("-o", "--output", help="corrected program to write; not needed with --dry-run")
     ] = None,
-    beside: Annotated[
-        list[Path] | None,
-        typer.Option(
-            "--with",
-            metavar="FILE",
-            help="Further file of the program that holds points (RAPID module, KRL .dat); several times if need be.",
-        ),
-    ] = None,
+    beside: BesideOption = None,
     allow_insert: Annotated[bool, typer.Option(help="Insert words a correction needs and a line lacks.")] = False,
     keep_refused: Annotated[bool, typer.Option(help="Leave motions that cannot be corrected as they are.")] = False,
     linearise: Annotated[
@@ -52,12 +47,7 @@ def compensate(
     spin: Annotated[
         str, typer.Option(help="keep, or stiffest: turn the tool about its axis where the arm bends least")
     ] = "keep",
-    dialect: Annotated[
-        str | None,
-        typer.Option(
-            help="krl, rapid, fanuc, urscript, val3, apt, gcode, csv, parquet; default: told from the content"
-        ),
-    ] = None,
+    dialect: DialectOption = None,
     dry_run: Annotated[
         bool, typer.Option("--dry-run", help="Do everything, exit code included, but write no program.")
     ] = False,

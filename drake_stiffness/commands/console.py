@@ -20,6 +20,20 @@ KindsOption = Annotated[
     list[Path] | None,
     typer.Option("--kinds", help="Python file that registers kinds of effects; it is run. May be given several times."),
 ]
+DialectOption = Annotated[
+    str | None,
+    typer.Option(
+        help="of the program: krl, rapid, fanuc, urscript, val3, apt, gcode, csv, parquet; default: told from the content"
+    ),
+]
+BesideOption = Annotated[
+    list[Path] | None,
+    typer.Option(
+        "--with",
+        metavar="FILE",
+        help="Further file of the program that holds points (RAPID module, KRL .dat); several times if need be.",
+    ),
+]
 
 
 def console() -> Console:

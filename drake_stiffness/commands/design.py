@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from drake_stiffness.commands.console import (
+    BesideOption,
+    DialectOption,
     JsonOption,
     ReportOption,
     check_outputs,
@@ -36,7 +39,9 @@ def design(
     ],
     output: Annotated[Path, typer.Option("-o", "--output", help="PLAN.csv to write")],
     criterion: Annotated[str, typer.Option(help="a, d, e, toolpath, ratio or ds")] = "d",
-    program: Annotated[Path | None, typer.Option(help="of criterion toolpath: KRL .src or CSV waypoints")] = None,
+    program: Annotated[Path | None, typer.Option(help="of criterion toolpath: the program to be machined")] = None,
+    beside: BesideOption = None,
+    dialect: DialectOption = None,
     process: Annotated[Path | None, typer.Option(help="of criterion toolpath: process.yaml")] = None,
     suspect: Annotated[str | None, typer.Option(help="of criterion ds: KIND:WHERE[:key=value,..] of an effect")] = None,
     settings: Annotated[Path | None, typer.Option(help="DESIGN.yaml")] = None,
@@ -50,9 +55,14 @@ def design(
     from drake_stiffness.design.job import plan_measurements
 
     _check_options(criterion, program, process, suspect, krl)
-    inputs = tuple(path for path in (cell, program, process, settings, augment) if path is not None)
+    inputs = tuple(path for path in (cell, program, process, settings, augment, *(beside or ())) if path is not None)
     check_outputs(output, krl, sheet, json, report, inputs=inputs)
-    path = None if program is None or process is None else (lambda model: loaded_path(program, process, model))
+    path = None
+    if program is not None and process is not None:
+
+        def path(model: Model) -> tuple[Array, Array]:
+            return loaded_path(program, process, model, dialect, beside or ())
+
     with working() as progress:
         result = plan_measurements(
             cell, postures, criterion, settings, suspect=suspect, campaign=augment, path=path, progress=progress
@@ -116,7 +126,9 @@ def _papers(text: str, name: str, cell: Path, program: str) -> ShopPapers:
         return shop.prepare(plan, cell, name=program)
 
 
-def loaded_path(program: Path, process: Path, model: Model) -> tuple[Array, Array]:
+def loaded_path(
+    program: Path, process: Path, model: Model, dialect: str | None, beside: Sequence[Path]
+) -> tuple[Array, Array]:
     """Postures (n, T) along a program and wrenches (6, T) at the tool centre point."""
     from toolpaths import loaded_path as along
     from toolpaths.formats import read_program
@@ -124,7 +136,7 @@ def loaded_path(program: Path, process: Path, model: Model) -> tuple[Array, Arra
     from toolpaths.rotary import declare
 
     job = read_process(process)
-    source = declare(read_program(program, None), job.gcode, process)
+    source = declare(read_program(program, dialect, beside), job.gcode, process)
     check_model(job, model)
     check_frames(job, source, model)
     path = along.loaded_path(source, model, job, lambda what, done, total: None)

@@ -8,6 +8,8 @@ from typing import Annotated
 import typer
 
 from drake_stiffness.commands.console import (
+    BesideOption,
+    DialectOption,
     JsonOption,
     KindsOption,
     ReportOption,
@@ -35,7 +37,8 @@ def stiffness_map(
     ] = None,
     step_mm: Annotated[float, typer.Option(min=1.0, help="distance of places")] = 100.0,
     output: Annotated[Path | None, typer.Option("-o", "--output", help="table to write, CSV")] = None,
-    dialect: Annotated[str | None, typer.Option(help="of the program; default: told from the content")] = None,
+    beside: BesideOption = None,
+    dialect: DialectOption = None,
     kinds: KindsOption = None,
     json: JsonOption = None,
     report: ReportOption = None,
@@ -50,7 +53,8 @@ def stiffness_map(
     from toolpaths.stiffness_map import stiffness_map as run
 
     use_kinds(kinds)
-    check_outputs(output, json, report, inputs=tuple(path for path in (model, process, program) if path is not None))
+    inputs = tuple(path for path in (model, process, program, *(beside or ())) if path is not None)
+    check_outputs(output, json, report, inputs=inputs)
     loaded, job = load_model(model), read_process(process)
     check_model(job, loaded)
     low, high = _box(area, job.workpiece.position_m)
@@ -61,7 +65,9 @@ def stiffness_map(
         )
     with working() as progress:
         progress(f"{len(places)} places")
-        source = None if program is None else declare(read_program(program, dialect), job.gcode, process)
+        source = None
+        if program is not None:
+            source = declare(read_program(program, dialect, beside or ()), job.gcode, process)
         found = run(loaded, job, places, source)
     best = found.best  # refuses an area that cannot be machined before anything is written
     page = None
