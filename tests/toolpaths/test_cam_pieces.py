@@ -1,4 +1,4 @@
-"""Long programs of CAM systems in pieces: G-code, APT and RAPID are read, corrected and accounted for as in one."""
+"""Long programs of CAM systems in pieces: G-code, APT, RAPID and URScript are read, corrected and accounted for as in one."""
 
 import pickle
 import random
@@ -71,12 +71,31 @@ def module(count=60, wobj=r" \WObj:=part"):
     return text + "ENDPROC\nENDMODULE\n"
 
 
+def script(count=60):
+    """Literal poses, a joint move to a named pose and its like in between, a speed by name, blocks, signals, comments."""
+    text = "def long():\n  home = p[0.9,0,0.9,3.06,0.54,0]\n  speed = 0.05\n  movej(home, a=1, v=1)\n"
+    for n in range(count):
+        move = (
+            f"  movel(p[{0.22 + 0.002 * n:.5f},{0.15 - 0.001 * n:.5f},-0.00500,3.06020,0.53960,0.0{n % 5}000],{{}})\n"
+        )
+        text += move.format(" a=1.2, v=speed, r=0.001")
+        text += {
+            7: '  speed = 0.03\n  set_digital_out(1, True) # movel(p[1,2,3,0,0,0])\n  popup("a ] in )")\n',
+            17: "  while digital_in(3):\n    sleep(0.1)\n  end\n",
+            29: "  movej(home, a=1, v=1)\n",
+            37: move.format("1.2,0.04,0,0.002"),
+            43: move.format("\n    a=1, v=0.02"),
+        }.get(n, "")
+    return text + "end\n"
+
+
 SOURCES = {
     "three.nc": (milling(), {}),
     "five.nc": (milling(turn=" A5.0 C10.0"), {"gcode": {"rotary": "AC"}}),
     "axes.cl": (cutter_location(), {}),
     "plain.cl": (cutter_location(axes=False), {}),
     "long.mod": (module(), {}),
+    "long.script": (script(), {}),
 }
 
 
@@ -161,6 +180,25 @@ STRAY = {
         's:="a;b";',
         "mill.x:=3;",
     ],
+    ".script": [
+        "movej(home, a=1)",
+        "movej([0,0,0,0,0,0])",
+        "if a:",
+        "end",
+        "home = p[1,2,3,0,0,0]",
+        "speed = speed * 2",
+        "movel(home, v=speed)",
+        "movec(p[1,2,3,0,0,0], home, r=0.1)",
+        "movel(pose_trans(home, p[0,0,0.1,0,0,0]), v=speed)",
+        "foo()",
+        "x = foo(",
+        ")",
+        "force_mode(home)",
+        "set_tcp(p[0,0,0.1,0,0,0])",
+        "sleep(1)",
+        '"',
+        "thread other():",
+    ],
 }
 
 
@@ -241,12 +279,15 @@ def test_a_branch_that_was_guessed_wrongly_is_found_for_rotary_words_too(model, 
         "kept.nc": milling(turn=" A5.0 C10.0").replace(" C10.", " ;C10."),
         "stored.mod": module().replace("ENDPROC", r"MoveL home,v50,z1,mill \WObj:=part;" + "\nENDPROC"),
         "assigned.mod": module().replace("SetDO spindle,1", "part.uframe.trans.x:=1"),
+        "named.script": script().replace("movej(home, a=1, v=1)\n  ", "movel(home, a=1, v=1)\n  "),
+        "named_late.script": script() + "movel(home)\n",
+        "open.script": script().replace('popup("a ] in )")', "popup("),
         "kept.cl": cutter_location(3) + cutter_location(axes=False),
     }.items(),
     ids=lambda value: value if len(value) < 20 else "",
 )
 def test_a_program_whose_pieces_depend_on_each_other_is_read_as_a_whole(name, text, model, tools, tmp_path):
-    """A jump; a rotary word that turns up late or is kept over pieces; a stored point; a work object that is set anew; a kept axis."""
+    """A jump; a rotary word that turns up late or is kept over pieces; a stored point; a work object that is set anew; a named pose; a bracket that stays open; a kept axis."""
     path = tmp_path / name
     path.write_text(text)
     with pytest.raises(NeedsWhole):

@@ -6,7 +6,7 @@ import math
 import re
 from collections.abc import Callable, Iterable
 from dataclasses import replace
-from typing import NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -105,6 +105,8 @@ class Continued(NamedTuple):
         Whether the next motion starts from a place that is not known.
     frames
         Base and tool in force.
+    modal
+        What else is in force or declared in a reader of the dialect, by name (`Reading.MODAL`).
     """
 
     line: int
@@ -113,10 +115,14 @@ class Continued(NamedTuple):
     feed_mm_per_min: float
     moved: bool
     frames: tuple[FrameSetting, ...]
+    modal: dict[str, Any]
 
 
 class Reading:
     """A program being read: what was found so far, and the line that is being looked at."""
+
+    # What a dialect hands on to the next piece of a program besides its rows and frames.
+    MODAL: ClassVar[tuple[str, ...]] = ()
 
     def __init__(self, raw: bytes, convention: Convention, start: int = 0) -> None:
         self.raw = raw
@@ -140,12 +146,20 @@ class Reading:
         self.rows.status = before.status
         self.rows.stand_in(before.line, "LIN", before.values, moved=before.moved)
         self.rows.feed_mm_per_min = before.feed_mm_per_min
+        for name, value in before.modal.items():
+            setattr(self, name, value.copy() if isinstance(value, dict | set) else value)
 
     def hand_on(self) -> Continued:
-        """What the next piece needs to know."""
+        """What the next piece needs to know.
+
+        Raises
+        ------
+        NeedsWhole
+            Something in this piece depends on others (as the dialect knows).
+        """
         rows, lines = self.rows, self.to(len(self.raw)) - 1
-        frames = tuple(self._frame.values())
-        return Continued(lines, tuple(rows.values), rows.last_status(), rows.feed_mm_per_min, rows.moved, frames)
+        frames, modal = tuple(self._frame.values()), {name: getattr(self, name) for name in self.MODAL}
+        return Continued(lines, tuple(rows.values), rows.last_status(), rows.feed_mm_per_min, rows.moved, frames, modal)
 
     @property
     def goes_to_stored(self) -> bool:
