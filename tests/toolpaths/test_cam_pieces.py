@@ -1,4 +1,4 @@
-"""Long programs of CAM systems in pieces: G-code, APT, RAPID and URScript are read, corrected and accounted for as in one."""
+"""Long programs of CAM systems in pieces: G-code, APT, RAPID, URScript and Fanuc listings are read, corrected and accounted for as in one."""
 
 import pickle
 import random
@@ -89,6 +89,32 @@ def script(count=60):
     return text + "end\n"
 
 
+def listing(count=60):
+    """A point a motion, joint moves to points of their own, arcs, feeds, a frame set by number, remarks, calls."""
+    moves, points = ["UFRAME_NUM=1"], []
+
+    def point(n):
+        place = f"X = {220 + 2 * n}.000 mm, Y = {150 - n}.000 mm, Z = -5.000 mm"
+        turn = f"W = 170.000 deg, P = -6.000 deg, R = 0.{n % 5}00 deg"
+        frames = "UF : F, UT : 2, CONFIG : 'N U T, 0, 0, 0'"
+        points.append(f"P[{len(points) + 1}]{{\n   GP1:\n\t{frames},\n\t{place},\n\t{turn}\n}};")
+        return f"P[{len(points)}]"
+
+    for n in range(count):
+        kind = {11: "J", 19: f"C {point(n)}\n    :"}.get(n, "L")
+        moves.append(
+            f"{kind} {point(n + (n == 19))} 50mm/sec CNT10" + {7: " ACC50", 23: " TB .5sec,CALL GRIP(1)"}.get(n, "")
+        )
+        moves += {
+            5: ["!remark L P[7] 9mm/sec"],
+            29: ["CALL SPINDLE(1)"],
+            33: [f"L P[{len(points)}] 60mm/sec FINE"],
+            41: [f"A {point(n + 1)} 60mm/sec FINE"],
+        }.get(n, [])
+    numbered = "".join(f"{n:4}:{move}    ;\n" for n, move in enumerate(moves, 1))
+    return "/PROG  LONG\n/ATTR\nOWNER = MNEDITOR;\n/MN\n" + numbered + "/POS\n" + "\n".join(points) + "\n/END\n"
+
+
 SOURCES = {
     "three.nc": (milling(), {}),
     "five.nc": (milling(turn=" A5.0 C10.0"), {"gcode": {"rotary": "AC"}}),
@@ -96,6 +122,7 @@ SOURCES = {
     "plain.cl": (cutter_location(axes=False), {}),
     "long.mod": (module(), {}),
     "long.script": (script(), {}),
+    "long.ls": (listing(), {}),
 }
 
 
@@ -199,6 +226,27 @@ STRAY = {
         '"',
         "thread other():",
     ],
+    ".ls": [
+        "   1:L P[70] 50mm/sec FINE    ;",
+        "   1:J P[99] 50% FINE    ;",
+        "   1:L P[30] 50mm/sec FINE Offset,PR[1]    ;",
+        "   1:L PR[30] 50mm/sec FINE    ;",
+        "   1:P[30]=LPOS    ;",
+        "   1:L P[31] 50mm/sec CNT5 ; L P[32] 60mm/sec FINE ;",
+        "   1:CALL X    ;",
+        "   1:UFRAME_NUM=2    ;",
+        "   1:UFRAME[1]=PR[2]    ;",
+        "   1:!L P[3]    ;",
+        "   1:L P[R[2]] 50mm/sec FINE    ;",
+        "   1:C P[20]",
+        "P[5]{\n   GP1:\n\tUF : 0, UT : 1,\n\tJ1= 0.0 deg\n};",
+        "P[90]{",
+        "};",
+        "/END",
+        "/POS",
+        "/MN",
+        ";",
+    ],
 }
 
 
@@ -279,6 +327,9 @@ def test_a_branch_that_was_guessed_wrongly_is_found_for_rotary_words_too(model, 
         "kept.nc": milling(turn=" A5.0 C10.0").replace(" C10.", " ;C10."),
         "stored.mod": module().replace("ENDPROC", r"MoveL home,v50,z1,mill \WObj:=part;" + "\nENDPROC"),
         "assigned.mod": module().replace("SetDO spindle,1", "part.uframe.trans.x:=1"),
+        "again.ls": listing().replace("/POS", "  99:J P[1] 50% FINE    ;\n/POS"),
+        "disorder.ls": listing().replace("P[5]", "P[55]", 1).replace("P[50]", "P[5]", 1).replace("P[55]", "P[50]", 1),
+        "listed.ls": listing().replace("P[60]{", "P[2]{"),
         "named.script": script().replace("movej(home, a=1, v=1)\n  ", "movel(home, a=1, v=1)\n  "),
         "named_late.script": script() + "movel(home)\n",
         "open.script": script().replace('popup("a ] in )")', "popup("),
@@ -287,7 +338,8 @@ def test_a_branch_that_was_guessed_wrongly_is_found_for_rotary_words_too(model, 
     ids=lambda value: value if len(value) < 20 else "",
 )
 def test_a_program_whose_pieces_depend_on_each_other_is_read_as_a_whole(name, text, model, tools, tmp_path):
-    """A jump; a rotary word that turns up late or is kept over pieces; a stored point; a work object that is set anew; a named pose; a bracket that stays open; a kept axis."""
+    """A jump; a rotary word that turns up late or is kept over pieces; a stored point; a work object that is set anew; a named pose; a bracket
+    that stays open; points that are used again, out of order or listed out of order; a kept axis."""
     path = tmp_path / name
     path.write_text(text)
     with pytest.raises(NeedsWhole):

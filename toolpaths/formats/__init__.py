@@ -56,9 +56,9 @@ class InPieces(Protocol):
         """Where the last place is at which these bytes may be cut in two, 0 for none."""
 
     def parse_piece(
-        self, raw: bytes, path: str, resume: object, others: Sequence[tuple[str, bytes]] = ()
+        self, raw: bytes, path: str, resume: object, others: Sequence[tuple[str, bytes]] = (), last: bool = False
     ) -> tuple[Program, object]:
-        """Read a piece, given what the piece before handed on (None: the first), and what this one hands on.
+        """Read a piece, given what the piece before handed on (None: the first), and what this one hands on. `last`: no other follows.
 
         Its first row stands for the last motion before it and is no row of its own.
         """

@@ -10,12 +10,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 from drake_stiffness.errors import InputError
 from toolpaths.conventions import FANUC
+from toolpaths.formats import fanuc_pieces
 from toolpaths.formats import fanuc_words as words
-from toolpaths.formats.reading import HEAD_BYTES, Reading, Unreadable, blanked, shown
+from toolpaths.formats.reading import HEAD_BYTES, NeedsWhole, Reading, Unreadable, blanked, shown
 from toolpaths.program import Program
 
 _GROUPS = "the points drive further motion groups as well; those stay as they are, and what they carry was reckoned to stand still"
@@ -50,9 +52,44 @@ class Fanuc:
             )
         return reader.finish(self.name, path)
 
+    def cut(self, raw: bytes) -> int:
+        """Where the last place is at which a listing may be cut in two; see ``toolpaths.formats.InPieces``."""
+        return fanuc_pieces.cut(raw)
+
+    def parse_piece(
+        self, raw: bytes, path: str, resume: object, others: Sequence[tuple[str, bytes]] = (), last: bool = False
+    ) -> tuple[Program, object]:
+        """See ``toolpaths.formats.InPieces``; NeedsWhole where points are not used in the order in which they are listed."""
+        resume = fanuc_pieces.first(raw) if resume is None else resume
+        assert isinstance(resume, fanuc_pieces.Resume)
+        begin, end, ended = fanuc_pieces.listed(raw, resume, last or resume.alone)
+        points = _points(raw, begin, end)
+        mine, rest = fanuc_pieces.share(resume, points, ended)
+        reader = _Reader(mine.instructions)
+        reader.points = points
+        reader.line += mine.lines
+        if mine.so_far is not None:
+            reader.take_over(mine.so_far)
+        reader.code = blanked(reader.raw, words.NUMBERING_OR_REMARK)
+        if not ended and reader.code.strip() and not reader.code.rstrip().endswith(b";"):
+            raise NeedsWhole
+        reader.instructions(0, len(reader.raw))
+        so_far, reader.raw = reader.hand_on(), raw
+        return replace(reader.finish(self.name, path), resume=mine), rest._replace(so_far=so_far)
+
+
+def _points(raw: bytes, begin: int, end: int) -> dict[int, words.Point | str]:
+    """The points of a section by number."""
+    found: dict[int, words.Point | str] = {}
+    for number, point in words.points(raw, begin, end):
+        found[number] = "which is listed twice in /POS" if number in found else point
+    return found
+
 
 class _Reader(Reading):
     """Goes through ``/MN`` instruction by instruction, on a copy whose line numbers and remarks are blanks."""
+
+    MODAL = ("numbers", "changes")
 
     def __init__(self, raw: bytes) -> None:
         super().__init__(raw, FANUC)
@@ -66,8 +103,7 @@ class _Reader(Reading):
         marks = [(match[1].upper(), match.end()) for match in words.SECTION.finditer(raw)]
         starts = [match.start() for match in words.SECTION.finditer(raw)] + [len(raw)]
         sections = {name: (begin, starts[place + 1]) for place, (name, begin) in reversed(list(enumerate(marks)))}
-        for number, point in words.points(raw, *sections.get(b"POS", (0, 0))):
-            self.points[number] = "which is listed twice in /POS" if number in self.points else point
+        self.points = _points(raw, *sections.get(b"POS", (0, 0)))
         start, end = sections.get(b"MN", (0, 0))
         self.code = raw[:start] + blanked(raw[start:end], words.NUMBERING_OR_REMARK)
         self.to(start)

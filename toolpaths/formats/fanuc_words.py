@@ -48,7 +48,8 @@ FRAME_DATA = re.compile(rb"\s*U(FRAME|TOOL)\s*\[\s*([^\]]*)\]\s*=", _FLAGS)
 BOUNDARY = re.compile(rb"\s*(?:LBL|JMP|IF|ELSE|ENDIF|SELECT|FOR|ENDFOR|CALL|RUN|END|ABORT|MONITOR)\b|\s*=", _FLAGS)
 
 _HEAD = rb"P\s*\[\s*(\d{1,9})\s*(?::[^\]\r\n]*)?\]\s*\{"
-BLOCK = re.compile(rb"^[ \t]*" + _HEAD + rb"([^{}]*)\}", re.MULTILINE)
+HEAD = re.compile(rb"^[ \t]*" + _HEAD, re.MULTILINE)
+BLOCK = re.compile(HEAD.pattern + rb"([^{}]*)\}", re.MULTILINE)
 _WORDS = rb"\s*,".join(
     rb"\s*%s%s%s" % (word, _NUM, unit)
     for word, unit in zip((b"X", b"Y", b"Z", b"W", b"P", b"R"), (b"mm",) * 3 + (b"deg",) * 3, strict=True)

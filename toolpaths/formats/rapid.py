@@ -76,7 +76,7 @@ class Rapid:
         return rapid_pieces.cut(raw)
 
     def parse_piece(
-        self, raw: bytes, path: str, resume: object, others: Sequence[tuple[str, bytes]] = ()
+        self, raw: bytes, path: str, resume: object, others: Sequence[tuple[str, bytes]] = (), last: bool = False
     ) -> tuple[Program, object]:
         """See ``toolpaths.formats.InPieces``; NeedsWhole where moves along a path go to declared points, here or in other files."""
         assert resume is None or isinstance(resume, Continued)

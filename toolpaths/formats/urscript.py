@@ -74,7 +74,7 @@ class UrScript:
         return cut_between(raw, words.ORDINARY.match, lambda before, after: b"movej" not in (before[1], after[1]))
 
     def parse_piece(
-        self, raw: bytes, path: str, resume: object, others: Sequence[tuple[str, bytes]] = ()
+        self, raw: bytes, path: str, resume: object, others: Sequence[tuple[str, bytes]] = (), last: bool = False
     ) -> tuple[Program, object]:
         """See ``toolpaths.formats.InPieces``; NeedsWhole where moves along a path go to named poses."""
         assert resume is None or isinstance(resume, Continued)
@@ -82,6 +82,7 @@ class UrScript:
         if resume is not None:
             reader.take_over(resume)
         reader.read()
+        reader.left_open &= not last
         return replace(reader.finish(self.name, path, UNIT), resume=resume), reader.hand_on()
 
 

@@ -1,0 +1,129 @@
+"""Fanuc listings piece by piece: the points are cut, and every piece goes through the instructions that go to its points.
+
+The instructions of ``/MN`` come with the first piece and are handed on as they are; the points of ``/POS`` follow. Where the
+points of a piece are used by instructions that follow each other, and no other instruction uses them, the piece is a listing
+of its own.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable
+from typing import NamedTuple
+
+from toolpaths.formats import fanuc_words as words
+from toolpaths.formats.reading import Continued, NeedsWhole
+
+# So far from the end of what was read a point begins at the latest.
+_CUT_WITHIN = 65_536
+_REMARK_OR_POINT = re.compile(
+    rb"^[ \t]*+\d*+[ \t]*+:[ \t]*(?:!|//|--)[^\r\n]*|P\s*\[\s*(\d{1,9})", re.MULTILINE | re.IGNORECASE
+)
+
+
+class Resume(NamedTuple):
+    """What a reader hands on to the next piece of a listing.
+
+    Attributes
+    ----------
+    so_far
+        As every reader; None before the first piece.
+    lines
+        Lines of the file before the instructions.
+    instructions, at
+        What stands below ``/MN``, and where in it the next piece goes on.
+    last
+        The largest number of a point so far.
+    alone
+        Whether the instructions are those of one piece alone.
+    """
+
+    so_far: Continued | None
+    lines: int
+    instructions: bytes
+    at: int = 0
+    last: int = -1
+    alone: bool = False
+
+
+def cut(raw: bytes) -> int:
+    """Where the last place is at which a listing may be cut in two, 0 for none: before a point of ``/POS``."""
+    begin = 0
+    if words.HEAD.match(raw) is None:
+        marks = words.SECTION.finditer(raw) if b"/POS" in raw else ()
+        begin = next((mark.end() for mark in marks if mark[1] == b"POS"), len(raw))
+    found = [match.start() for match in words.HEAD.finditer(raw, max(begin, len(raw) - _CUT_WITHIN))]
+    return found[-1] if found else 0
+
+
+def first(raw: bytes) -> Resume:
+    """What the first piece starts from.
+
+    Raises
+    ------
+    NeedsWhole
+        It does not hold one section ``/MN`` with ``/POS`` behind it.
+    """
+    marks = list(words.SECTION.finditer(raw))
+    if [mark[1] for mark in marks[:2]] != [b"MN", b"POS"]:
+        raise NeedsWhole
+    begin = raw.find(b"\n", marks[0].end()) + 1
+    if raw[marks[0].end() : begin].strip():
+        raise NeedsWhole
+    return Resume(None, raw.count(b"\n", 0, begin), raw[begin : marks[1].start()])
+
+
+def listed(raw: bytes, resume: Resume, last: bool) -> tuple[int, int, bool]:
+    """Where the points of a piece stand, and whether the listing ends there.
+
+    Raises
+    ------
+    NeedsWhole
+        More sections than ``/MN``, ``/POS`` and ``/END``, or something below the end.
+    """
+    begin, marks = 0, list(words.SECTION.finditer(raw))
+    if resume.so_far is None:
+        begin, marks = marks[1].end(), marks[2:]
+    if not marks:
+        return begin, len(raw), last
+    if marks[0][1] != b"END" or not last:
+        raise NeedsWhole
+    return begin, marks[0].start(), True
+
+
+def share(resume: Resume, numbers: Iterable[int], ended: bool) -> tuple[Resume, Resume]:
+    """What the piece with the points of these numbers goes through alone, and what is left for those after it.
+
+    Raises
+    ------
+    NeedsWhole
+        An instruction uses a point of a piece before, points are not listed in rising order between pieces, or two
+        instructions are on one line where the share ends.
+    """
+    if resume.alone:
+        return resume, resume
+    numbers = sorted(numbers)
+    if numbers and numbers[0] <= resume.last:
+        raise NeedsWhole
+    last, text = numbers[-1] if numbers else resume.last, resume.instructions
+    stop = len(text)
+    for match in _REMARK_OR_POINT.finditer(text, resume.at):
+        number = int(match[1] or resume.last + 1)
+        if number <= resume.last:
+            raise NeedsWhole
+        if match[1] is not None and number > last and not ended:
+            stop = _line_after_instruction(text, resume.at, match.start())
+            break
+    mine = text[resume.at : stop]
+    return resume._replace(instructions=mine, at=0, alone=True), resume._replace(at=stop, last=last)
+
+
+def _line_after_instruction(text: bytes, begin: int, at: int) -> int:
+    """The line after the last semicolon before a byte."""
+    semicolon = text.rfind(b";", begin, at)
+    if semicolon < 0:
+        return begin
+    newline = text.find(b"\n", semicolon, at)
+    if newline < 0 or text[semicolon + 1 : newline].strip():
+        raise NeedsWhole
+    return newline + 1
