@@ -31,7 +31,7 @@ from toolpaths.account.folding import KEPT, LongCompensation, folded, give_bins,
 from toolpaths.compensation import bench_of
 from toolpaths.forces import ForceRows
 from toolpaths.formats import read_program
-from toolpaths.formats.pieces import PIECE_BYTES, comes_in_pieces, pieces
+from toolpaths.formats.pieces import PIECE_BYTES, comes_in_pieces, length, pack, pieces
 from toolpaths.formats.reading import NeedsWhole
 from toolpaths.job import Progress, compensate, silent
 from toolpaths.loaded_path import postures_on, targets
@@ -168,7 +168,7 @@ class _Job:
             "keep_refused": self.keep_refused,
             "linear": self.linear,
         }
-        number = -(-self.path.stat().st_size // self.size)
+        number = -(-length(self.path, self.dialect, self.size) // self.size)
         self.most = -(-KEPT // number)
         self.last: Floats | None = None  # of the latest piece that is done
         self.sent: dict[int, tuple[Program, Process, Floats | None]] = {}
@@ -202,7 +202,10 @@ class _Job:
             raise InputError(
                 f"{self.path}: no linear or circular motion with a literal pose; there is nothing to correct."
             )
-        result = folded(results, facts, borders, spool.close(), (self.before.hexdigest(), after.hexdigest()))
+        written = spool.close()
+        if written is not None:
+            pack(self.path, self.dialect, written, self.size)
+        result = folded(results, facts, borders, written, (self.before.hexdigest(), after.hexdigest()))
         result.facts["lines"] = self.lines
         result.notes.extend(notes[:20])
         kept = replace(result, refusals=(*result.refusals, *left))
