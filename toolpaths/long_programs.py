@@ -196,7 +196,7 @@ class _Job:
                     give_bins(facts[0], facts[-1])
             else:
                 left += program.refusals
-                notes += [f"line {note.line}: {note.reason}" for note in program.notes]
+                notes += [*program.warnings, *(f"line {note.line}: {note.reason}" for note in program.notes)]
             progress("lines corrected", int(program.line[-1]) if len(program) else 0, 0)
         if not results:
             raise InputError(

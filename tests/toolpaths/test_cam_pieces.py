@@ -2,6 +2,7 @@
 
 import pickle
 import random
+import re
 
 import numpy as np
 import pytest
@@ -101,16 +102,11 @@ def listing(count=60):
         return f"P[{len(points)}]"
 
     for n in range(count):
-        kind = {11: "J", 19: f"C {point(n)}\n    :"}.get(n, "L")
-        moves.append(
-            f"{kind} {point(n + (n == 19))} 50mm/sec CNT10" + {7: " ACC50", 23: " TB .5sec,CALL GRIP(1)"}.get(n, "")
-        )
-        moves += {
-            5: ["!remark L P[7] 9mm/sec"],
-            29: ["CALL SPINDLE(1)"],
-            33: [f"L P[{len(points)}] 60mm/sec FINE"],
-            41: [f"A {point(n + 1)} 60mm/sec FINE"],
-        }.get(n, [])
+        kind = "J" if n == 11 else f"C {point(n)}\n    :" if n == 19 else "A" if n == 41 else "L"
+        option = {7: " ACC50", 23: " TB .5sec,CALL GRIP(1)"}.get(n, "")
+        moves.append(f"{kind} {point(n + (n == 19))} 50mm/sec CNT10{option}")
+        more = {5: "!remark L P[7] 9mm/sec", 29: "CALL SPINDLE(1)", 33: f"L P[{len(points)}] 60mm/sec FINE"}
+        moves += [more[n]] if n in more else []
     numbered = "".join(f"{n:4}:{move}    ;\n" for n, move in enumerate(moves, 1))
     return "/PROG  LONG\n/ATTR\nOWNER = MNEDITOR;\n/MN\n" + numbered + "/POS\n" + "\n".join(points) + "\n/END\n"
 
@@ -344,6 +340,29 @@ def test_a_program_whose_pieces_depend_on_each_other_is_read_as_a_whole(name, te
     path.write_text(text)
     with pytest.raises(NeedsWhole):
         list(pieces(path, None, SIZE))
+
+
+def test_a_piece_with_nothing_to_correct_still_warns(model, tools, tmp_path):
+    path = tmp_path / "long.ls"
+    text = listing().replace("UFRAME_NUM=1", "UFRAME[1]=PR[2]")
+    for n in range(1, 8):
+        text = text.replace(f"L P[{n}] 50", f"J P[{n}] 50")
+    path.write_text(text)
+    assert not next(pieces(path, None, SIZE)).corrected.any()
+    parts = compensate_file(path, model, tools.process(), size=SIZE, processes=1)
+    assert any("sets a frame while it runs" in note for note in parts.notes)
+
+
+def test_an_arc_whose_points_a_cut_would_part_is_not_parted(tmp_path):
+    path = tmp_path / "arcs.ls"
+    along = r"L (P\[\d+\]) 50mm/sec CNT10    ;\n *\d+:L (P\[\d+\] 50)"
+    path.write_text(re.sub(along, r"C \1\n    :\2", listing()))
+    whole = read_program(path)
+    assert (whole.role == "via").sum() > 12
+    assert not whole.refusals
+    for size in range(700, 1100, 50):
+        found = list(pieces(path, None, size))
+        np.testing.assert_array_equal(np.concatenate([p.role[bool(n) :] for n, p in enumerate(found)]), whole.role)
 
 
 def test_a_program_without_a_whole_line_is_not_cut(tmp_path):

@@ -60,7 +60,8 @@ class InPieces(Protocol):
     ) -> tuple[Program, object]:
         """Read a piece, given what the piece before handed on (None: the first), and what this one hands on. `last`: no other follows.
 
-        Its first row stands for the last motion before it and is no row of its own.
+        Its first row stands for the last motion before it and is no row of its own. A piece may end earlier than the bytes
+        given; the next one begins there.
         """
 
 

@@ -64,7 +64,7 @@ class Fanuc:
         assert isinstance(resume, fanuc_pieces.Resume)
         begin, end, ended = fanuc_pieces.listed(raw, resume, last or resume.alone)
         points = _points(raw, begin, end)
-        mine, rest = fanuc_pieces.share(resume, points, ended)
+        mine, rest, before = fanuc_pieces.share(resume, list(points), ended)
         reader = _Reader(mine.instructions)
         reader.points = points
         reader.line += mine.lines
@@ -74,7 +74,7 @@ class Fanuc:
         if not ended and reader.code.strip() and not reader.code.rstrip().endswith(b";"):
             raise NeedsWhole
         reader.instructions(0, len(reader.raw))
-        so_far, reader.raw = reader.hand_on(), raw
+        so_far, reader.raw = reader.hand_on(), raw[: fanuc_pieces.end_before(raw, begin, before)]
         return replace(reader.finish(self.name, path), resume=mine), rest._replace(so_far=so_far)
 
 

@@ -8,7 +8,7 @@ of its own.
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable
+from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
 from toolpaths.formats import fanuc_words as words
@@ -91,34 +91,64 @@ def listed(raw: bytes, resume: Resume, last: bool) -> tuple[int, int, bool]:
     return begin, marks[0].start(), True
 
 
-def share(resume: Resume, numbers: Iterable[int], ended: bool) -> tuple[Resume, Resume]:
-    """What the piece with the points of these numbers goes through alone, and what is left for those after it.
+class Share(NamedTuple):
+    """What a piece goes through alone, what is left for those after it, and the point before which the piece ends, if not at its end."""
+
+    mine: Resume
+    rest: Resume
+    before: int | None = None
+
+
+def share(resume: Resume, numbers: Sequence[int], ended: bool) -> Share:
+    """The instructions that use the points of these numbers.
+
+    An instruction that uses points of the next piece too belongs to that, and the points it uses with it.
 
     Raises
     ------
     NeedsWhole
-        An instruction uses a point of a piece before, points are not listed in rising order between pieces, or two
-        instructions are on one line where the share ends.
+        An instruction uses a point of a piece before, or points are not listed in rising order where pieces meet.
     """
     if resume.alone:
-        return resume, resume
-    numbers = sorted(numbers)
-    if numbers and numbers[0] <= resume.last:
+        return Share(resume, resume)
+    if numbers and min(numbers) <= resume.last:
         raise NeedsWhole
-    last, text = numbers[-1] if numbers else resume.last, resume.instructions
-    stop = len(text)
-    for match in _REMARK_OR_POINT.finditer(text, resume.at):
-        number = int(match[1] or resume.last + 1)
+    last, text = max(numbers, default=resume.last), resume.instructions
+    stop, before = len(text), None
+    for at, number in _used(text, resume.at, len(text)):
         if number <= resume.last:
             raise NeedsWhole
-        if match[1] is not None and number > last and not ended:
-            stop = _line_after_instruction(text, resume.at, match.start())
+        if number > last and not ended:
+            stop = _line_of_instruction(text, resume.at, at)
+            before = min((used for _, used in _used(text, stop, at)), default=None)
             break
-    mine = text[resume.at : stop]
-    return resume._replace(instructions=mine, at=0, alone=True), resume._replace(at=stop, last=last)
+    if before is not None:
+        last = before - 1
+        place = numbers.index(before) if before in numbers else -1
+        # Only the first piece, which holds the instructions, may be left without a point.
+        whole = place > 0 or (place == 0 and resume.so_far is None)
+        in_order = max(numbers[:place], default=last) <= last < min(numbers[place:])
+        if not whole or not in_order or any(number > last for _, number in _used(text, resume.at, stop)):
+            raise NeedsWhole
+    mine = resume._replace(instructions=text[resume.at : stop], at=0, alone=True)
+    return Share(mine, resume._replace(at=stop, last=last), before)
 
 
-def _line_after_instruction(text: bytes, begin: int, at: int) -> int:
+def end_before(raw: bytes, begin: int, number: int | None) -> int:
+    """Where a piece ends whose points begin at `begin`, if it ends before a point."""
+    if number is None:
+        return len(raw)
+    return next(match.start() for match in words.HEAD.finditer(raw, begin) if int(match[1]) == number)
+
+
+def _used(text: bytes, begin: int, end: int) -> Iterator[tuple[int, int]]:
+    """Where points are named outside remarks, and their numbers."""
+    for match in _REMARK_OR_POINT.finditer(text, begin, end):
+        if match[1] is not None:
+            yield match.start(), int(match[1])
+
+
+def _line_of_instruction(text: bytes, begin: int, at: int) -> int:
     """The line after the last semicolon before a byte."""
     semicolon = text.rfind(b";", begin, at)
     if semicolon < 0:

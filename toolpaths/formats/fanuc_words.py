@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Iterator
+from functools import lru_cache
 from typing import NamedTuple
 
 from toolpaths.formats.reading import NO_EXTERNALS, NUMBER, Status, Target, shown
@@ -104,6 +105,7 @@ def points(raw: bytes, start: int, end: int) -> Iterator[tuple[int, Point | str]
         yield number, problem or Point(target, match[1].upper(), match[2].upper(), groups)
 
 
+@lru_cache(maxsize=1000)
 def status(config: bytes) -> Status:
     """Branch bits of a CONFIG such as ``N U T, 0, 0, 0``: Toward or Back, Up or Down, No flip or Flip."""
     letters = config.partition(b",")[0].upper().split()

@@ -52,7 +52,7 @@ def pieces(path: Path, dialect: str | None, size: int = PIECE_BYTES) -> Iterator
         cut = chosen.cut(raw) if ahead else len(raw)
         if cut:
             program, resume = chosen.parse_piece(raw[:cut], str(path), resume, others, last=not ahead)
-            del pending[:cut]
+            del pending[: len(program.raw)]
             yield program
 
 
