@@ -84,7 +84,9 @@ def script(count=60):
             7: '  speed = 0.03\n  set_digital_out(1, True) # movel(p[1,2,3,0,0,0])\n  popup("a ] in )")\n',
             17: "  while digital_in(3):\n    sleep(0.1)\n  end\n",
             29: "  movej(home, a=1, v=1)\n",
+            3: "  plane = p[0,0,0.1,0,0,0]\n  plane = p[0,0,0.2,0,0,0]\n",
             37: move.format("1.2,0.04,0,0.002"),
+            49: move.format("a=1").replace("p[", "pose_trans(plane, p[").replace("]", "])"),
             43: move.format("\n    a=1, v=0.02"),
         }.get(n, "")
     return text + "end\n"
@@ -149,6 +151,7 @@ def test_pieces_hold_every_byte_and_every_row_once(long_program):
     ):
         joined = np.concatenate([getattr(piece, name)[rows] for piece, rows in zip(found, own, strict=True)])
         np.testing.assert_array_equal(joined, getattr(whole, name), err_msg=name)
+    assert list(dict.fromkeys(setting for piece in found for setting in piece.frames)) == list(whole.frames)
 
 
 STRAY = {
@@ -324,6 +327,7 @@ def test_a_branch_that_was_guessed_wrongly_is_found_for_rotary_words_too(model, 
         "stored.mod": module().replace("ENDPROC", r"MoveL home,v50,z1,mill \WObj:=part;" + "\nENDPROC"),
         "assigned.mod": module().replace("SetDO spindle,1", "part.uframe.trans.x:=1"),
         "again.ls": listing().replace("/POS", "  99:J P[1] 50% FINE    ;\n/POS"),
+        "remark.ls": listing().replace("C P[20]\n", "C P[20]\n  22:!via    ;\n"),
         "disorder.ls": listing().replace("P[5]", "P[55]", 1).replace("P[50]", "P[5]", 1).replace("P[55]", "P[50]", 1),
         "listed.ls": listing().replace("P[60]{", "P[2]{"),
         "named.script": script().replace("movej(home, a=1, v=1)\n  ", "movel(home, a=1, v=1)\n  "),

@@ -122,7 +122,7 @@ def long_table(path, count=70):
             "feed_mm_per_min": np.where(n < 30, 600.0, 900.0),
         }
     ).replace_schema_metadata({b"made by": b"a test"})
-    with parquet.ParquetWriter(path, content.schema, compression="gzip") as writer:
+    with parquet.ParquetWriter(path, content.schema, compression="gzip", use_dictionary=["kind"]) as writer:
         for start, size in ((0, 25), (25, 40), (65, count - 65)):
             writer.write_table(content.slice(start, size))
     return content
