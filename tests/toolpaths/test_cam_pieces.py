@@ -93,7 +93,7 @@ def script(count=60):
 
 
 def listing(count=60):
-    """A point a motion, joint moves to points of their own, arcs, feeds, a frame set by number, remarks, calls."""
+    """A point a motion, joint moves to a point that no other motion goes to, arcs, feeds, a frame set by number, remarks, calls."""
     moves, points = ["UFRAME_NUM=1"], []
 
     def point(n):
@@ -109,6 +109,7 @@ def listing(count=60):
         moves.append(f"{kind} {point(n + (n == 19))} 50mm/sec CNT10{option}")
         more = {5: "!remark L P[7] 9mm/sec", 29: "CALL SPINDLE(1)", 33: f"L P[{len(points)}] 60mm/sec FINE"}
         moves += [more[n]] if n in more else []
+    moves.append("J P[12] 50% FINE")
     numbered = "".join(f"{n:4}:{move}    ;\n" for n, move in enumerate(moves, 1))
     return "/PROG  LONG\n/ATTR\nOWNER = MNEDITOR;\n/MN\n" + numbered + "/POS\n" + "\n".join(points) + "\n/END\n"
 
@@ -228,6 +229,7 @@ STRAY = {
     ".ls": [
         "   1:L P[70] 50mm/sec FINE    ;",
         "   1:J P[99] 50% FINE    ;",
+        "   1:J P[12] 50% FINE    ;",
         "   1:L P[30] 50mm/sec FINE Offset,PR[1]    ;",
         "   1:L PR[30] 50mm/sec FINE    ;",
         "   1:P[30]=LPOS    ;",
@@ -326,6 +328,7 @@ def test_a_branch_that_was_guessed_wrongly_is_found_for_rotary_words_too(model, 
         "kept.nc": milling(turn=" A5.0 C10.0").replace(" C10.", " ;C10."),
         "stored.mod": module().replace("ENDPROC", r"MoveL home,v50,z1,mill \WObj:=part;" + "\nENDPROC"),
         "assigned.mod": module().replace("SetDO spindle,1", "part.uframe.trans.x:=1"),
+        "along.ls": listing().replace("J P[12] 50% FINE", "L P[12] 50mm/sec FINE"),
         "again.ls": listing().replace("/POS", "  99:J P[1] 50% FINE    ;\n/POS"),
         "remark.ls": listing().replace("C P[20]\n", "C P[20]\n  22:!via    ;\n"),
         "disorder.ls": listing().replace("P[5]", "P[55]", 1).replace("P[50]", "P[5]", 1).replace("P[55]", "P[50]", 1),

@@ -66,7 +66,7 @@ class Fanuc:
         points = _points(raw, begin, end)
         mine, rest, before = fanuc_pieces.share(resume, list(points), ended)
         reader = _Reader(mine.instructions)
-        reader.points = points
+        reader.points = {**mine.free, **points}
         reader.line += mine.lines
         if mine.so_far is not None:
             reader.take_over(mine.so_far)
@@ -74,6 +74,10 @@ class Fanuc:
         if not ended and reader.code.strip() and not reader.code.rstrip().endswith(b";"):
             raise NeedsWhole
         reader.instructions(0, len(reader.raw))
+        along, by_joints = reader.used()
+        if along & mine.free.keys():
+            raise NeedsWhole
+        rest = fanuc_pieces.still_free(rest, points, by_joints - along)
         so_far, reader.raw = reader.hand_on(), raw[: fanuc_pieces.end_before(raw, begin, before)]
         return replace(reader.finish(self.name, path), resume=mine), rest._replace(so_far=so_far)
 
@@ -132,6 +136,11 @@ class _Reader(Reading):
             if text.strip():
                 self.instruction(at, stop)
             at = stop + 1
+
+    def used(self) -> tuple[set[object], set[object]]:
+        """Points that motions along a path go to, and those that joint moves go to."""
+        along = {point for row, point in self._goes if self.rows.carries_force(row)}
+        return along, {point for row, point in self._goes if not self.rows.carries_force(row)}
 
     def go(self, kind: str, role: str, point: words.Point, *, coordinated: bool) -> None:
         """A motion to a point, with the frames that the point names (F: those that are set)."""

@@ -2,18 +2,21 @@
 
 The instructions of ``/MN`` come with the first piece and are handed on as they are; the points of ``/POS`` follow. Where the
 points of a piece are used by instructions that follow each other, and no other instruction uses them, the piece is a listing
-of its own.
+of its own. Some points that joint moves alone go to, such as home, are handed on: nothing corrects them.
 """
 
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from typing import NamedTuple
 
 from toolpaths.formats import fanuc_words as words
 from toolpaths.formats.reading import Continued, NeedsWhole
+from toolpaths.program import UNWRITTEN
 
+# So many points are handed on.
+_FREE = 100
 # So far from the end of what was read a point begins at the latest.
 _CUT_WITHIN = 65_536
 _REMARK_OR_POINT = re.compile(
@@ -36,14 +39,17 @@ class Resume(NamedTuple):
         The largest number of a point so far.
     alone
         Whether the instructions are those of one piece alone.
+    free
+        Points of pieces before that later ones may use, because no correction changes them.
     """
 
     so_far: Continued | None
     lines: int
     instructions: bytes
-    at: int = 0
-    last: int = -1
-    alone: bool = False
+    at: int
+    last: int
+    alone: bool
+    free: dict[int, words.Point | str]
 
 
 def cut(raw: bytes) -> int:
@@ -70,7 +76,7 @@ def first(raw: bytes) -> Resume:
     begin = raw.find(b"\n", marks[0].end()) + 1
     if raw[marks[0].end() : begin].strip():
         raise NeedsWhole
-    return Resume(None, raw.count(b"\n", 0, begin), raw[begin : marks[1].start()])
+    return Resume(None, raw.count(b"\n", 0, begin), raw[begin : marks[1].start()], 0, -1, False, {})
 
 
 def listed(raw: bytes, resume: Resume, last: bool) -> tuple[int, int, bool]:
@@ -116,7 +122,7 @@ def share(resume: Resume, numbers: Sequence[int], ended: bool) -> Share:
     last, text = max(numbers, default=resume.last), resume.instructions
     stop, before = len(text), None
     for at, number in _used(text, resume.at, len(text)):
-        if number <= resume.last:
+        if number <= resume.last and number not in resume.free:
             raise NeedsWhole
         if number > last and not ended:
             stop = _line_of_instruction(text, resume.at, at)
@@ -132,6 +138,19 @@ def share(resume: Resume, numbers: Sequence[int], ended: bool) -> Share:
             raise NeedsWhole
     mine = resume._replace(instructions=text[resume.at : stop], at=0, alone=True)
     return Share(mine, resume._replace(at=stop, last=last), before)
+
+
+def still_free(rest: Resume, points: Mapping[int, words.Point | str], by_joints: Collection[object]) -> Resume:
+    """What is left for the pieces after one with these points, of which joint moves alone go to some."""
+    free = dict(rest.free)
+    for number, point in points.items():
+        if number > rest.last or len(free) >= _FREE:
+            break
+        if isinstance(point, str):
+            free[number] = point
+        elif number in by_joints:
+            free[number] = point._replace(target=point.target._replace(spans=(UNWRITTEN,) * len(point.target.spans)))
+    return rest._replace(free=free)
 
 
 def end_before(raw: bytes, begin: int, number: int | None) -> int:
