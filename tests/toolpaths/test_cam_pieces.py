@@ -287,6 +287,14 @@ def test_another_process_reads_a_piece_again_as_it_is(long_program):
             np.testing.assert_array_equal(getattr(again, name), getattr(piece, name), err_msg=name)
 
 
+def test_the_numbers_of_a_piece_are_in_its_own_bytes(long_program):
+    path, _ = long_program
+    for piece in pieces(path, None, SIZE):
+        rows, words = np.nonzero(piece.written)
+        tokens = [float(piece.raw[start:end]) for start, end in piece.span[rows, words]]
+        np.testing.assert_allclose(tokens * piece.unit[words], piece.pose[rows, words], atol=1e-12)
+
+
 def test_pieces_and_the_whole_give_the_same_bytes(long_program, model, tools):
     path, changes = long_program
     process, options = tools.process(**changes), {"keep_refused": True}
@@ -329,6 +337,9 @@ def test_a_branch_that_was_guessed_wrongly_is_found_for_rotary_words_too(model, 
         "stored.mod": module().replace("ENDPROC", r"MoveL home,v50,z1,mill \WObj:=part;" + "\nENDPROC"),
         "assigned.mod": module().replace("SetDO spindle,1", "part.uframe.trans.x:=1"),
         "along.ls": listing().replace("J P[12] 50% FINE", "L P[12] 50mm/sec FINE"),
+        "both.ls": listing()
+        .replace(":L P[2]", ":J P[1] 5% FINE ;\n   9:L P[2]", 1)
+        .replace("J P[12] 50%", "J P[1] 50%"),
         "again.ls": listing().replace("/POS", "  99:J P[1] 50% FINE    ;\n/POS"),
         "remark.ls": listing().replace("C P[20]\n", "C P[20]\n  22:!via    ;\n"),
         "disorder.ls": listing().replace("P[5]", "P[55]", 1).replace("P[50]", "P[5]", 1).replace("P[55]", "P[50]", 1),

@@ -13,7 +13,6 @@ from typing import NamedTuple
 
 from toolpaths.formats import fanuc_words as words
 from toolpaths.formats.reading import Continued, NeedsWhole
-from toolpaths.program import UNWRITTEN
 
 # So many points are handed on.
 _FREE = 100
@@ -149,7 +148,7 @@ def still_free(rest: Resume, points: Mapping[int, words.Point | str], by_joints:
         if isinstance(point, str):
             free[number] = point
         elif number in by_joints:
-            free[number] = point._replace(target=point.target._replace(spans=(UNWRITTEN,) * len(point.target.spans)))
+            free[number] = point._replace(target=point.target.elsewhere())
     return rest._replace(free=free)
 
 

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from toolpaths.conventions import Convention
-from toolpaths.program import NO_STATUS, FrameSetting, Program, Refusal
+from toolpaths.program import NO_STATUS, UNWRITTEN, FrameSetting, Program, Refusal
 from toolpaths.program_builder import EXTERNALS, ProgramBuilder
 
 # No digit can be shared between two parts of the pattern, so that a line that does not match fails at once.
@@ -91,6 +91,10 @@ class Target(NamedTuple):
     point: object = None
     frame: tuple[tuple[str, str], ...] = ()
 
+    def elsewhere(self) -> Target:
+        """The same pose for a piece of the program in which its numbers do not stand."""
+        return self._replace(spans=(UNWRITTEN,) * len(self.spans))
+
 
 class Continued(NamedTuple):
     """What a reader hands on to the next piece of a program.
@@ -158,7 +162,7 @@ class Reading:
             Something in this piece depends on others (as the dialect knows).
         """
         rows, lines = self.rows, self.to(len(self.raw)) - 1
-        frames, modal = tuple(self._frame.values()), {name: getattr(self, name) for name in self.MODAL}
+        frames, modal = tuple(self._frame.values()), {name: _handed_on(getattr(self, name)) for name in self.MODAL}
         return Continued(lines, tuple(rows.values), rows.last_status(), rows.feed_mm_per_min, rows.moved, frames, modal)
 
     @property
@@ -256,6 +260,13 @@ class Reading:
             warnings=tuple(self.warnings),
             **more,  # type: ignore[arg-type]
         )
+
+
+def _handed_on(value: Any) -> Any:
+    """A setting for the next piece; of stored points the numbers stand in this one."""
+    if not isinstance(value, dict):
+        return value
+    return {name: held.elsewhere() if isinstance(held, Target) else held for name, held in value.items()}
 
 
 def blanked(raw: bytes, pattern: re.Pattern[bytes]) -> bytes:
