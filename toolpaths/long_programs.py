@@ -31,7 +31,7 @@ from toolpaths.account.folding import KEPT, LongCompensation, folded, give_bins,
 from toolpaths.compensation import bench_of
 from toolpaths.forces import ForceRows
 from toolpaths.formats import read_program
-from toolpaths.formats.pieces import PIECE_BYTES, comes_in_pieces, pieces
+from toolpaths.formats.pieces import PIECE_BYTES, comes_in_pieces, length, pack, pieces
 from toolpaths.formats.reading import NeedsWhole
 from toolpaths.job import Progress, compensate, silent
 from toolpaths.loaded_path import postures_on, targets
@@ -168,7 +168,7 @@ class _Job:
             "keep_refused": self.keep_refused,
             "linear": self.linear,
         }
-        number = -(-self.path.stat().st_size // self.size)
+        number = -(-length(self.path, self.dialect, self.size) // self.size)
         self.most = -(-KEPT // number)
         self.last: Floats | None = None  # of the latest piece that is done
         self.sent: dict[int, tuple[Program, Process, Floats | None]] = {}
@@ -196,13 +196,16 @@ class _Job:
                     give_bins(facts[0], facts[-1])
             else:
                 left += program.refusals
-                notes += [f"line {note.line}: {note.reason}" for note in program.notes]
+                notes += [*program.warnings, *(f"line {note.line}: {note.reason}" for note in program.notes)]
             progress("lines corrected", int(program.line[-1]) if len(program) else 0, 0)
         if not results:
             raise InputError(
                 f"{self.path}: no linear or circular motion with a literal pose; there is nothing to correct."
             )
-        result = folded(results, facts, borders, spool.close(), (self.before.hexdigest(), after.hexdigest()))
+        written = spool.close()
+        if written is not None:
+            pack(self.path, self.dialect, written, self.size)
+        result = folded(results, facts, borders, written, (self.before.hexdigest(), after.hexdigest()))
         result.facts["lines"] = self.lines
         result.notes.extend(notes[:20])
         kept = replace(result, refusals=(*result.refusals, *left))

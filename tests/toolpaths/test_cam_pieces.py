@@ -1,10 +1,12 @@
-"""Long programs of CAM systems in pieces: G-code, APT and RAPID are read, corrected and accounted for as in one."""
+"""Long programs of CAM systems in pieces: G-code, APT, RAPID, URScript and Fanuc listings are read, corrected and accounted for as in one."""
 
 import pickle
 import random
+import re
 
 import numpy as np
 import pytest
+from long_sources import SOURCES, STRAY, cutter_location, listing, milling, module, place, script
 
 from drake_stiffness.files import write_together
 from toolpaths.formats import read_again, read_program
@@ -14,70 +16,6 @@ from toolpaths.job import compensate
 from toolpaths.long_programs import _Job, compensate_file
 
 SIZE = 900
-AXES = ("X", "Y", "Z")
-
-
-def place(n):
-    return f"X{220 + 2 * n}.000 Y{150 - n}.000 Z-5.000"
-
-
-def milling(count=60, turn=""):
-    """Three axes or, with `turn`, five: words left out, rapids, feeds, comments, a tool change, block numbers."""
-    text = (
-        "%\nO100 (part)\nG21 G90 G54\nT1 M6\nG0 X220. Y150. Z30. A5.0 C10.0\n"
-        if turn
-        else "G21 G54\nG0 X220. Y150. Z30.\n"
-    )
-    for n in range(count):
-        words = place(n) + (f" A{5 + 0.01 * n:.4f} C{10 + 0.02 * n:.4f}" if turn else "")
-        text += f"N{10 * n} G1 {words}\n"
-        text += {
-            7: "F800 (slower)\n",
-            13: f"X{221 + 2 * n}.000 {words.split(maxsplit=1)[1]} F900\n",
-            23: f"G0 Z30.\nG0 X250. Y100. Z30.{turn}\n",
-            31: "M8\n(a comment with X1.0 in it)\n",
-            43: "G54\n",
-        }.get(n, "")
-    return text + "M30\n%\n"
-
-
-def cutter_location(count=60, axes=True):
-    """Points with or without axes, rapids, feeds, and a record over two lines."""
-    text = "PARTNO LONG\nUNITS/MM\nMULTAX\nFEDRAT/800,MMPM\n"
-    for n in range(count):
-        axis = f",0.0{n % 5}0000,0.000000,0.999000" if axes else ""
-        text += f"GOTO/{220 + 2 * n}.0000,{150 - n}.0000,-5.0000{axis}\n"
-        text += {
-            9: f"RAPID\nGOTO/{220 + 2 * n}.0000,{150 - n}.0000,30.0000{axis}\nFEDRAT/900\n",
-            19: f"GOTO/{221 + 2 * n}.0000,$\n{150 - n}.0000,-5.0000{axis}\n",
-            33: "$$ a comment\nPPRINT/HALF\n",
-        }.get(n, "")
-    return text + "FINI\n"
-
-
-def module(count=60, wobj=r" \WObj:=part"):
-    """Literal targets, a joint move to a declared point and its like in between, speeds, signals, comments."""
-    text = "MODULE Long\nCONST robtarget home:=[[900,0,900],[0,0,1,0],[0,0,0,0],[9E9,9E9,9E9,9E9,9E9,9E9]];\n"
-    text += f"CONST speeddata cut:=[20,500,5000,1000];\nPROC main()\nConfL\\Off;\nMoveJ home,v200,fine,mill{wobj};\n"
-    for n in range(count):
-        pose = f"[[{220 + 2 * n}.00,{150 - n}.00,-5.00],[0.0173648,0.9848078,0.1736482,0.0{n % 5}]"
-        move = f"MoveL {pose},[0,0,0,0],[9E9,9E9,9E9,9E9,9E9,9E9]],{{}},z1,mill{wobj};"
-        text += move.format("v50") + "\n"
-        text += {
-            7: move.format("cut") + " ! slower\n",
-            17: "SetDO spindle,1;\nWaitTime 1;\n",
-            29: f"MoveJ home,v200,fine,mill{wobj};\n",
-        }.get(n, "")
-    return text + "ENDPROC\nENDMODULE\n"
-
-
-SOURCES = {
-    "three.nc": (milling(), {}),
-    "five.nc": (milling(turn=" A5.0 C10.0"), {"gcode": {"rotary": "AC"}}),
-    "axes.cl": (cutter_location(), {}),
-    "plain.cl": (cutter_location(axes=False), {}),
-    "long.mod": (module(), {}),
-}
 
 
 @pytest.fixture(params=SOURCES)
@@ -107,61 +45,7 @@ def test_pieces_hold_every_byte_and_every_row_once(long_program):
     ):
         joined = np.concatenate([getattr(piece, name)[rows] for piece, rows in zip(found, own, strict=True)])
         np.testing.assert_array_equal(joined, getattr(whole, name), err_msg=name)
-
-
-STRAY = {
-    ".nc": [
-        "G0 X1. Y2. Z3.",
-        "G91",
-        "G90",
-        "G1 X300.",
-        "G2 X250. Y100. Z-5. I1. J0.",
-        "G55",
-        "G41",
-        "M6",
-        "G81 Z1 R1",
-        "G92 X0",
-    ]
-    + ["/G1 X1.", "(comment", "F77", "M98 P1", "O7", "G94", "G93", "#1=3", "G1 X#1", f"G1 {place(3)} A1. C2."],
-    ".cl": [
-        "RAPID",
-        "GODLTA/1,0,0",
-        "CYCLE/DRILL",
-        "CYCLE/OFF",
-        "TLAXIS/0,0,1",
-        "MULTAX/OFF",
-        "UNITS/INCH",
-        "GOHOME",
-        "$$ c",
-    ]
-    + [
-        "REMARK text",
-        "    GOTO/1,2,3",
-        "FEDRAT/5,IPM",
-        "CIRCLE/1,2,3,0,0,1,5",
-        "GOTO/1,2,3",
-        "CUTCOM/LEFT",
-        "CUTCOM/OFF",
-    ],
-    ".mod": [
-        "ConfL\\On;",
-        "SetDO a,1;",
-        "foo;",
-        "MoveJ home,v200,fine,mill;",
-        "MoveL Offs(home,1,2,3),v50,z1,mill;",
-        "x:=5;",
-    ]
-    + [
-        "IF a THEN",
-        "ENDIF",
-        "VAR num x;",
-        "MoveC home,home,v5,z1,mill;",
-        "ENDPROC",
-        "PROC other()",
-        's:="a;b";',
-        "mill.x:=3;",
-    ],
-}
+    assert list(dict.fromkeys(setting for piece in found for setting in piece.frames)) == list(whole.frames)
 
 
 @pytest.mark.parametrize("seed", range(5))
@@ -198,6 +82,14 @@ def test_another_process_reads_a_piece_again_as_it_is(long_program):
         again = read_again(sent, [sent.raw])
         for name in ("line", "kind", "position_mm", "orientation", "source", "span", "feed_mm_per_min"):
             np.testing.assert_array_equal(getattr(again, name), getattr(piece, name), err_msg=name)
+
+
+def test_the_numbers_of_a_piece_are_in_its_own_bytes(long_program):
+    path, _ = long_program
+    for piece in pieces(path, None, SIZE):
+        rows, words = np.nonzero(piece.written)
+        tokens = [float(piece.raw[start:end]) for start, end in piece.span[rows, words]]
+        np.testing.assert_allclose(tokens * piece.unit[words], piece.pose[rows, words], atol=1e-12)
 
 
 def test_pieces_and_the_whole_give_the_same_bytes(long_program, model, tools):
@@ -241,16 +133,51 @@ def test_a_branch_that_was_guessed_wrongly_is_found_for_rotary_words_too(model, 
         "kept.nc": milling(turn=" A5.0 C10.0").replace(" C10.", " ;C10."),
         "stored.mod": module().replace("ENDPROC", r"MoveL home,v50,z1,mill \WObj:=part;" + "\nENDPROC"),
         "assigned.mod": module().replace("SetDO spindle,1", "part.uframe.trans.x:=1"),
+        "along.ls": listing().replace("J P[12] 50% FINE", "L P[12] 50mm/sec FINE"),
+        "both.ls": listing()
+        .replace(":L P[2]", ":J P[1] 5% FINE ;\n   9:L P[2]", 1)
+        .replace("J P[12] 50%", "J P[1] 50%"),
+        "again.ls": listing().replace("/POS", "  99:J P[1] 50% FINE    ;\n/POS"),
+        "remark.ls": listing().replace("C P[20]\n", "C P[20]\n  22:!via    ;\n"),
+        "disorder.ls": listing().replace("P[5]", "P[55]", 1).replace("P[50]", "P[5]", 1).replace("P[55]", "P[50]", 1),
+        "listed.ls": listing().replace("P[60]{", "P[2]{"),
+        "named.script": script().replace("movej(home, a=1, v=1)\n  ", "movel(home, a=1, v=1)\n  "),
+        "named_late.script": script() + "movel(home)\n",
+        "open.script": script().replace('popup("a ] in )")', "popup("),
         "kept.cl": cutter_location(3) + cutter_location(axes=False),
     }.items(),
     ids=lambda value: value if len(value) < 20 else "",
 )
 def test_a_program_whose_pieces_depend_on_each_other_is_read_as_a_whole(name, text, model, tools, tmp_path):
-    """A jump; a rotary word that turns up late or is kept over pieces; a stored point; a work object that is set anew; a kept axis."""
+    """A jump; a rotary word that turns up late or is kept over pieces; a stored point; a work object that is set anew; a named pose; a bracket
+    that stays open; points that are used again, out of order or listed out of order; a kept axis."""
     path = tmp_path / name
     path.write_text(text)
     with pytest.raises(NeedsWhole):
         list(pieces(path, None, SIZE))
+
+
+def test_a_piece_with_nothing_to_correct_still_warns(model, tools, tmp_path):
+    path = tmp_path / "long.ls"
+    text = listing().replace("UFRAME_NUM=1", "UFRAME[1]=PR[2]")
+    for n in range(1, 8):
+        text = text.replace(f"L P[{n}] 50", f"J P[{n}] 50")
+    path.write_text(text)
+    assert not next(pieces(path, None, SIZE)).corrected.any()
+    parts = compensate_file(path, model, tools.process(), size=SIZE, processes=1)
+    assert any("sets a frame while it runs" in note for note in parts.notes)
+
+
+def test_an_arc_whose_points_a_cut_would_part_is_not_parted(tmp_path):
+    path = tmp_path / "arcs.ls"
+    along = r"L (P\[\d+\]) 50mm/sec CNT10    ;\n *\d+:L (P\[\d+\] 50)"
+    path.write_text(re.sub(along, r"C \1\n    :\2", listing()))
+    whole = read_program(path)
+    assert (whole.role == "via").sum() > 12
+    assert not whole.refusals
+    for size in range(700, 1100, 50):
+        found = list(pieces(path, None, size))
+        np.testing.assert_array_equal(np.concatenate([p.role[bool(n) :] for n, p in enumerate(found)]), whole.role)
 
 
 def test_a_program_without_a_whole_line_is_not_cut(tmp_path):

@@ -60,7 +60,7 @@ def test_blend_radii_are_read_where_each_call_has_them():
 def test_ordinary_lines_read_the_same_by_the_general_reader(monkeypatch):
     lines = [f"  move{'ljp'[n % 3]}(p[0.{n}, {n}, -0.5,0,0,{n}e-1], a=1, v=0.{n}, r=0)" for n in range(9)]
     quick = parse(*lines)
-    monkeypatch.setattr(urscript, "ORDINARY", urscript.re.compile(b"(?!)"))
+    monkeypatch.setattr(urscript.words, "ORDINARY", urscript.re.compile(b"(?!)"))
     general = parse(*lines)
     for name in (
         "line",

@@ -9,11 +9,17 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from drake_stiffness.errors import InputError
+from drake_stiffness.files import write_together
 from toolpaths.formats import files_of, read_again, read_program
+from toolpaths.formats.pieces import pieces
+from toolpaths.job import compensate
+from toolpaths.long_programs import compensate_file
 from toolpaths.rewriting import rewrite
 
 pyarrow = pytest.importorskip("pyarrow", reason="pyarrow is optional (extra 'parquet')")
 parquet = pytest.importorskip("pyarrow.parquet")
+
+SIZE = 1500
 
 
 def table(**changes):
@@ -98,6 +104,73 @@ def test_a_damaged_file_and_a_missing_package_are_said(saved, monkeypatch):
     monkeypatch.setitem(sys.modules, "pyarrow", None)
     with pytest.raises(InputError, match=r"pip install 'drake-stiffness\[parquet\]'"):
         read_program(path)
+
+
+def long_table(path, count=70):
+    """Row groups of different sizes, a column of text, point-to-point moves and feeds in between."""
+    n = np.arange(count)
+    content = pyarrow.table(
+        {
+            "note": pyarrow.array([None if k % 9 == 0 else f"row {k}" for k in n]),
+            "x_mm": 220.0 + 2 * n,
+            "y_mm": 150.0 - n / 3,
+            "z_m": pyarrow.array(np.full(count, -0.005), pyarrow.float32()),
+            "a_deg": np.zeros(count),
+            "b_deg": np.full(count, -6.0),
+            "c_deg": np.full(count, 170.0),
+            "kind": pyarrow.array(["PTP" if k % 17 == 3 else "LIN" for k in n]).dictionary_encode(),
+            "feed_mm_per_min": np.where(n < 30, 600.0, 900.0),
+        }
+    ).replace_schema_metadata({b"made by": b"a test"})
+    with parquet.ParquetWriter(path, content.schema, compression="gzip", use_dictionary=["kind"]) as writer:
+        for start, size in ((0, 25), (25, 40), (65, count - 65)):
+            writer.write_table(content.slice(start, size))
+    return content
+
+
+def row_groups(file):
+    data = parquet.ParquetFile(file).metadata
+    return [data.row_group(n).num_rows for n in range(data.num_row_groups)]
+
+
+def test_a_long_table_in_pieces_is_the_file_of_the_whole_and_keeps_its_row_groups(model, tools, tmp_path):
+    path, out = tmp_path / "long.parquet", tmp_path / "out.parquet"
+    content = long_table(path)
+    found = list(pieces(path, None, SIZE))
+    assert len(found) > 3
+    assert b"".join(piece.raw for piece in found) == read_program(path).raw
+    whole = compensate(read_program(path), model, tools.process())
+    parts = compensate_file(path, model, tools.process(), size=SIZE, processes=1, output=out)
+    assert type(parts).__name__ == "LongCompensation"
+    assert parts.digests == whole.digests
+    assert parts.lines == whole.lines == 71
+    write_together(parts.files(out))
+    (expected,) = files_of(whole.program, whole.parts)
+    assert out.read_bytes() == expected != path.read_bytes()
+    assert row_groups(out) == row_groups(path) == [25, 40, 5]
+    corrected = parquet.read_table(out)
+    assert corrected.schema.equals(content.schema, check_metadata=True)
+    assert corrected["note"].equals(content["note"])
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["long.parquet", "out.parquet"]
+
+
+def test_a_long_table_that_nothing_bends_stays_the_same_file(model, tools, tmp_path):
+    path, out = tmp_path / "long.parquet", tmp_path / "out.parquet"
+    long_table(path)
+    process = tools.process(force=tools.constant("tool"))
+    parts = compensate_file(path, model, process, size=SIZE, processes=1, output=out)
+    write_together(parts.files(out))
+    assert out.read_bytes() == path.read_bytes()
+
+
+def test_a_cell_that_is_no_number_has_its_line_in_the_whole_table(model, tools, tmp_path):
+    path = tmp_path / "long.parquet"
+    content = long_table(path)
+    values = content["x_mm"].to_pylist()
+    values[61] = None
+    parquet.write_table(content.set_column(1, "x_mm", pyarrow.array(values, pyarrow.float64())), path)
+    with pytest.raises(InputError, match=r"line 63, column 1 \(x\)"):
+        compensate_file(path, model, tools.process(), size=SIZE, processes=1)
 
 
 @settings(max_examples=15, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Protocol, runtime_checkable
 
@@ -56,12 +56,27 @@ class InPieces(Protocol):
         """Where the last place is at which these bytes may be cut in two, 0 for none."""
 
     def parse_piece(
-        self, raw: bytes, path: str, resume: object, others: Sequence[tuple[str, bytes]] = ()
+        self, raw: bytes, path: str, resume: object, others: Sequence[tuple[str, bytes]] = (), last: bool = False
     ) -> tuple[Program, object]:
-        """Read a piece, given what the piece before handed on (None: the first), and what this one hands on.
+        """Read a piece, given what the piece before handed on (None: the first), and what this one hands on. `last`: no other follows.
 
-        Its first row stands for the last motion before it and is no row of its own.
+        Its first row stands for the last motion before it and is no row of its own. A piece may end earlier than the bytes
+        given; the next one begins there.
         """
+
+
+@runtime_checkable
+class Packed(InPieces, Protocol):
+    """A dialect whose files are no text: `Program.raw` is what they say as text, and pieces are pieces of that."""
+
+    def length(self, path: Path) -> int:
+        """About how many bytes of text a file holds."""
+
+    def blocks(self, path: Path, size: int) -> Iterator[bytes]:
+        """The text of a file in blocks of about so many bytes."""
+
+    def pack(self, path: Path, text: Path) -> None:
+        """Overwrite a file that holds the corrected text of `path` with the corrected file itself."""
 
 
 # The order decides where two dialects recognise the same file.

@@ -67,7 +67,7 @@ class Apt:
         return apt_pieces.cut(raw)
 
     def parse_piece(
-        self, raw: bytes, path: str, resume: object, others: Sequence[tuple[str, bytes]] = ()
+        self, raw: bytes, path: str, resume: object, others: Sequence[tuple[str, bytes]] = (), last: bool = False
     ) -> tuple[Program, object]:
         """Read a piece of a program that was cut at `cut`; `resume` is what the piece before handed on (None: the first).
 

@@ -10,12 +10,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 from drake_stiffness.errors import InputError
 from toolpaths.conventions import FANUC
+from toolpaths.formats import fanuc_pieces
 from toolpaths.formats import fanuc_words as words
-from toolpaths.formats.reading import HEAD_BYTES, Reading, Unreadable, blanked, shown
+from toolpaths.formats.reading import HEAD_BYTES, NeedsWhole, Reading, Unreadable, blanked, shown
 from toolpaths.program import Program
 
 _GROUPS = "the points drive further motion groups as well; those stay as they are, and what they carry was reckoned to stand still"
@@ -50,9 +52,48 @@ class Fanuc:
             )
         return reader.finish(self.name, path)
 
+    def cut(self, raw: bytes) -> int:
+        """Where the last place is at which a listing may be cut in two; see ``toolpaths.formats.InPieces``."""
+        return fanuc_pieces.cut(raw)
+
+    def parse_piece(
+        self, raw: bytes, path: str, resume: object, others: Sequence[tuple[str, bytes]] = (), last: bool = False
+    ) -> tuple[Program, object]:
+        """See ``toolpaths.formats.InPieces``; NeedsWhole where points are not used in the order in which they are listed."""
+        resume = fanuc_pieces.first(raw) if resume is None else resume
+        assert isinstance(resume, fanuc_pieces.Resume)
+        begin, end, ended = fanuc_pieces.listed(raw, resume, last or resume.alone)
+        points = _points(raw, begin, end)
+        mine, rest, before = fanuc_pieces.share(resume, list(points), ended)
+        reader = _Reader(mine.instructions)
+        reader.points = {**mine.free, **points}
+        reader.line += mine.lines
+        if mine.so_far is not None:
+            reader.take_over(mine.so_far)
+        reader.code = blanked(reader.raw, words.NUMBERING_OR_REMARK)
+        if not ended and reader.code.strip() and not reader.code.rstrip().endswith(b";"):
+            raise NeedsWhole
+        reader.instructions(0, len(reader.raw))
+        along, by_joints = reader.used()
+        if along & mine.free.keys():
+            raise NeedsWhole
+        rest = fanuc_pieces.still_free(rest, points, by_joints - along)
+        so_far, reader.raw = reader.hand_on(), raw[: fanuc_pieces.end_before(raw, begin, before)]
+        return replace(reader.finish(self.name, path), resume=mine), rest._replace(so_far=so_far)
+
+
+def _points(raw: bytes, begin: int, end: int) -> dict[int, words.Point | str]:
+    """The points of a section by number."""
+    found: dict[int, words.Point | str] = {}
+    for number, point in words.points(raw, begin, end):
+        found[number] = "which is listed twice in /POS" if number in found else point
+    return found
+
 
 class _Reader(Reading):
     """Goes through ``/MN`` instruction by instruction, on a copy whose line numbers and remarks are blanks."""
+
+    MODAL = ("numbers", "changes")
 
     def __init__(self, raw: bytes) -> None:
         super().__init__(raw, FANUC)
@@ -66,8 +107,7 @@ class _Reader(Reading):
         marks = [(match[1].upper(), match.end()) for match in words.SECTION.finditer(raw)]
         starts = [match.start() for match in words.SECTION.finditer(raw)] + [len(raw)]
         sections = {name: (begin, starts[place + 1]) for place, (name, begin) in reversed(list(enumerate(marks)))}
-        for number, point in words.points(raw, *sections.get(b"POS", (0, 0))):
-            self.points[number] = "which is listed twice in /POS" if number in self.points else point
+        self.points = _points(raw, *sections.get(b"POS", (0, 0)))
         start, end = sections.get(b"MN", (0, 0))
         self.code = raw[:start] + blanked(raw[start:end], words.NUMBERING_OR_REMARK)
         self.to(start)
@@ -96,6 +136,11 @@ class _Reader(Reading):
             if text.strip():
                 self.instruction(at, stop)
             at = stop + 1
+
+    def used(self) -> tuple[set[object], set[object]]:
+        """Points that motions along a path go to, and those that joint moves go to."""
+        along = {point for row, point in self._goes if self.rows.carries_force(row)}
+        return along, {point for row, point in self._goes if not self.rows.carries_force(row)}
 
     def go(self, kind: str, role: str, point: words.Point, *, coordinated: bool) -> None:
         """A motion to a point, with the frames that the point names (F: those that are set)."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Iterator
+from functools import lru_cache
 from typing import NamedTuple
 
 from toolpaths.formats.reading import NO_EXTERNALS, NUMBER, Status, Target, shown
@@ -48,7 +49,8 @@ FRAME_DATA = re.compile(rb"\s*U(FRAME|TOOL)\s*\[\s*([^\]]*)\]\s*=", _FLAGS)
 BOUNDARY = re.compile(rb"\s*(?:LBL|JMP|IF|ELSE|ENDIF|SELECT|FOR|ENDFOR|CALL|RUN|END|ABORT|MONITOR)\b|\s*=", _FLAGS)
 
 _HEAD = rb"P\s*\[\s*(\d{1,9})\s*(?::[^\]\r\n]*)?\]\s*\{"
-BLOCK = re.compile(rb"^[ \t]*" + _HEAD + rb"([^{}]*)\}", re.MULTILINE)
+HEAD = re.compile(rb"^[ \t]*" + _HEAD, re.MULTILINE)
+BLOCK = re.compile(HEAD.pattern + rb"([^{}]*)\}", re.MULTILINE)
 _WORDS = rb"\s*,".join(
     rb"\s*%s%s%s" % (word, _NUM, unit)
     for word, unit in zip((b"X", b"Y", b"Z", b"W", b"P", b"R"), (b"mm",) * 3 + (b"deg",) * 3, strict=True)
@@ -103,6 +105,7 @@ def points(raw: bytes, start: int, end: int) -> Iterator[tuple[int, Point | str]
         yield number, problem or Point(target, match[1].upper(), match[2].upper(), groups)
 
 
+@lru_cache(maxsize=1000)
 def status(config: bytes) -> Status:
     """Branch bits of a CONFIG such as ``N U T, 0, 0, 0``: Toward or Back, Up or Down, No flip or Flip."""
     letters = config.partition(b",")[0].upper().split()

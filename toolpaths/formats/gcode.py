@@ -69,7 +69,7 @@ class GCode:
         return gcode_pieces.cut(raw)
 
     def parse_piece(
-        self, raw: bytes, path: str, resume: object, others: Sequence[tuple[str, bytes]] = ()
+        self, raw: bytes, path: str, resume: object, others: Sequence[tuple[str, bytes]] = (), last: bool = False
     ) -> tuple[Program, object]:
         """See ``toolpaths.formats.InPieces``; NeedsWhole where there is a jump, or a rotary word that is new or kept."""
         resume = gcode_pieces.START if resume is None else resume

@@ -95,7 +95,7 @@ class Krl:
         return cut_between(raw, _along, lambda _, match: None not in match.groups()[2:8])
 
     def parse_piece(
-        self, raw: bytes, path: str, resume: object, others: Sequence[tuple[str, bytes]] = ()
+        self, raw: bytes, path: str, resume: object, others: Sequence[tuple[str, bytes]] = (), last: bool = False
     ) -> tuple[Program, object]:
         """Read a piece of a program that was cut at `cut`; `resume` is what the piece before handed on (None: the first).
 

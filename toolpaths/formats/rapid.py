@@ -21,7 +21,7 @@ from drake_stiffness.errors import InputError
 from toolpaths.formats import rapid_pieces
 from toolpaths.formats import rapid_words as words
 from toolpaths.formats.rapid_reader import Reader
-from toolpaths.formats.reading import HEAD_BYTES, NeedsWhole, Target, blanked
+from toolpaths.formats.reading import HEAD_BYTES, Continued, NeedsWhole, Target, blanked
 from toolpaths.program import Program
 
 _LISTED = re.compile(rb"<Module>\s*([^<>]{1,255}?)\s*</Module>", re.IGNORECASE)
@@ -76,18 +76,18 @@ class Rapid:
         return rapid_pieces.cut(raw)
 
     def parse_piece(
-        self, raw: bytes, path: str, resume: object, others: Sequence[tuple[str, bytes]] = ()
+        self, raw: bytes, path: str, resume: object, others: Sequence[tuple[str, bytes]] = (), last: bool = False
     ) -> tuple[Program, object]:
         """See ``toolpaths.formats.InPieces``; NeedsWhole where moves along a path go to declared points, here or in other files."""
-        resume = rapid_pieces.START if resume is None else resume
-        assert isinstance(resume, rapid_pieces.Resume)
+        assert resume is None or isinstance(resume, Continued)
         if others:
             raise NeedsWhole
         reader = Reader(raw, blanked(raw, words.COMMENT_OR_STRING), 0, len(raw))
-        rapid_pieces.take_over(reader, resume)
+        if resume is not None:
+            reader.take_over(resume)
         reader.read()
         reader.settle()
-        return replace(reader.finish(self.name, path), resume=resume), rapid_pieces.hand_on(reader)
+        return replace(reader.finish(self.name, path), resume=resume), reader.hand_on()
 
 
 def _see(reader: Reader, module: Reader, name: str) -> None:

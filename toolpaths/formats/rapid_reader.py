@@ -6,7 +6,7 @@ import re
 
 from toolpaths.conventions import QUATERNION
 from toolpaths.formats import rapid_words as words
-from toolpaths.formats.reading import Reading, Target, Unreadable, arguments, shown
+from toolpaths.formats.reading import Continued, NeedsWhole, Reading, Target, Unreadable, arguments, shown
 from toolpaths.program import NO_STATUS
 
 
@@ -20,6 +20,9 @@ class Reader(Reading):
     start, end
         Where this one stands.
     """
+
+    # Speed and tool are looked up anew.
+    MODAL = ("routine", "conf_off", "points", "speeds", "zones", "local", "frame_data", "assigned")
 
     def __init__(self, raw: bytes, code: bytes, start: int, end: int) -> None:
         super().__init__(raw, QUATERNION, start)
@@ -289,6 +292,20 @@ class Reader(Reading):
                     self.warnings.append(warning)
             text = f"\\WObj:={key}" if what == "base" else key
             self.set_frame(what, key.upper(), text, frame.pose if frame is not None else None)
+
+    def hand_on(self) -> Continued:
+        """See `Reading`.
+
+        Raises
+        ------
+        NeedsWhole
+            A move along a path goes to a declared point, which other pieces may use too; or a tool or work object in use is
+            assigned to.
+        """
+        used = {(setting.key or "").encode() for setting in self.frames}
+        if self.goes_to_stored or used & self.assigned:
+            raise NeedsWhole
+        return super().hand_on()
 
     def settle(self) -> None:
         """What only the whole program shows: arcs with an unusable pose; tools and work objects that are assigned to."""

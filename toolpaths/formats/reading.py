@@ -6,13 +6,13 @@ import math
 import re
 from collections.abc import Callable, Iterable
 from dataclasses import replace
-from typing import NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from toolpaths.conventions import Convention
-from toolpaths.program import NO_STATUS, FrameSetting, Program, Refusal
+from toolpaths.program import NO_STATUS, UNWRITTEN, FrameSetting, Program, Refusal
 from toolpaths.program_builder import EXTERNALS, ProgramBuilder
 
 # No digit can be shared between two parts of the pattern, so that a line that does not match fails at once.
@@ -91,6 +91,10 @@ class Target(NamedTuple):
     point: object = None
     frame: tuple[tuple[str, str], ...] = ()
 
+    def elsewhere(self) -> Target:
+        """The same pose for a piece of the program in which its numbers do not stand."""
+        return self._replace(spans=(UNWRITTEN,) * len(self.spans))
+
 
 class Continued(NamedTuple):
     """What a reader hands on to the next piece of a program.
@@ -105,6 +109,8 @@ class Continued(NamedTuple):
         Whether the next motion starts from a place that is not known.
     frames
         Base and tool in force.
+    modal
+        What else is in force or declared in a reader of the dialect, by name (`Reading.MODAL`).
     """
 
     line: int
@@ -113,10 +119,14 @@ class Continued(NamedTuple):
     feed_mm_per_min: float
     moved: bool
     frames: tuple[FrameSetting, ...]
+    modal: dict[str, Any]
 
 
 class Reading:
     """A program being read: what was found so far, and the line that is being looked at."""
+
+    # What a dialect hands on to the next piece of a program besides its rows and frames.
+    MODAL: ClassVar[tuple[str, ...]] = ()
 
     def __init__(self, raw: bytes, convention: Convention, start: int = 0) -> None:
         self.raw = raw
@@ -140,12 +150,20 @@ class Reading:
         self.rows.status = before.status
         self.rows.stand_in(before.line, "LIN", before.values, moved=before.moved)
         self.rows.feed_mm_per_min = before.feed_mm_per_min
+        for name, value in before.modal.items():
+            setattr(self, name, value.copy() if isinstance(value, dict | set) else value)
 
     def hand_on(self) -> Continued:
-        """What the next piece needs to know."""
+        """What the next piece needs to know.
+
+        Raises
+        ------
+        NeedsWhole
+            Something in this piece depends on others (as the dialect knows).
+        """
         rows, lines = self.rows, self.to(len(self.raw)) - 1
-        frames = tuple(self._frame.values())
-        return Continued(lines, tuple(rows.values), rows.last_status(), rows.feed_mm_per_min, rows.moved, frames)
+        frames, modal = tuple(self._frame.values()), {name: _handed_on(getattr(self, name)) for name in self.MODAL}
+        return Continued(lines, tuple(rows.values), rows.last_status(), rows.feed_mm_per_min, rows.moved, frames, modal)
 
     @property
     def goes_to_stored(self) -> bool:
@@ -242,6 +260,13 @@ class Reading:
             warnings=tuple(self.warnings),
             **more,  # type: ignore[arg-type]
         )
+
+
+def _handed_on(value: Any) -> Any:
+    """A setting for the next piece; of stored points the numbers stand in this one."""
+    if not isinstance(value, dict):
+        return value
+    return {name: held.elsewhere() if isinstance(held, Target) else held for name, held in value.items()}
 
 
 def blanked(raw: bytes, pattern: re.Pattern[bytes]) -> bytes:

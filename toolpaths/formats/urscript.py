@@ -10,42 +10,28 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
 from drake_stiffness.errors import InputError
 from toolpaths.conventions import ROTATION_VECTOR
-from toolpaths.formats.reading import HEAD_BYTES, NUMBER, Reading, Target, Unreadable, arguments, blanked, shown
+from toolpaths.formats import urscript_words as words
+from toolpaths.formats.reading import (
+    HEAD_BYTES,
+    Continued,
+    NeedsWhole,
+    Reading,
+    Target,
+    Unreadable,
+    arguments,
+    blanked,
+    cut_between,
+    shown,
+)
 from toolpaths.program import Program
 
-COMMENT_OR_STRING = re.compile(rb'"[^"\r\n]*"?|#[^\r\n]*')
-NAME = rb"[A-Za-z_]\w*"
-_N = rb"\s*(" + NUMBER + rb")\s*"
-POSE = re.compile(rb"p\s*\[" + rb",".join([_N] * 6) + rb"\]")
-# What nearly all lines of a program look like.
-ORDINARY = re.compile(rb"[ \t]*(move[lpj])[ \t]*\([ \t]*" + POSE.pattern + rb"([^()\[\]\r\n]*)\)[ \t]*\r*(?:\n|\Z)")
-ASSIGNED = re.compile(rb"\s*(?:(?:global|local)\s+)?(%s)\s*(\[[^\]]*\])?\s*([-+*/]?=)(?!=)\s*" % NAME)
-CALL = re.compile(
-    rb"(?<![\w.])(move[lpcj]|moves|servo[cjl]|speed[jl]|force_mode|freedrive_mode|path_offset_\w+|conveyor_\w+|track_conveyor_\w+|set_tcp)\s*\("
-)
-POSE_TRANS = re.compile(rb"pose_trans\s*\(")
-BLOCK = re.compile(
-    rb"\s*(?:def|sec|thread|end|while|if|elif|else|for|return|break|continue|run|kill|join|switch|case|default|enter_critical|exit_critical)\b"
-)
-STILL = re.compile(
-    rb"\s*(?:(?:global|local)\s+)?(?:%s\s*(?:\[[^\]]*\])?\s*[-+*/]?=\s*)?(?:[^(]*\Z|(?:set_|get_|textmsg|sleep|popup|sync|write_|read_|rtde_|modbus_|socket_|halt|stop[lj]"
-    rb"|zero_|pose_|interpolate_|is_|to_|str_|sqrt|sin|cos|d2r|r2d)\w*\s*\()" % NAME
-)
-IDENTIFIER = re.compile(rb"(?<![\w.])[A-Za-z_]\w*")
-_KEYWORD = re.compile(rb"(%s)\s*=(?!=)\s*" % NAME)
-_NUMBER = re.compile(NUMBER)
-_BRACKET = re.compile(rb"[\[\](){}\n]")
-RECOGNISED = re.compile(
-    rb"^(?:\xef\xbb\xbf)?[ \t]*(?:(?:def|thread)[ \t]+\w+[ \t]*\([^\r\n]{0,2000}\)[ \t]*:[ \t]*(?:#[^\r\n]*)?\r*$"
-    rb"|(?:move[lpcj]|servoj|set_tcp|speed[lj])[ \t]*\()",
-    re.MULTILINE,
-)
 UNIT = np.array([1000.0] * 3 + [1.0] * 3)
 _MM_PER_MIN = 60_000.0
 # Place of the blend radius among the arguments after the poses. Where it is not the third, that is the time.
@@ -59,7 +45,7 @@ class UrScript:
 
     def recognises(self, raw: bytes, suffix: str) -> bool:
         """A line ``def name():`` or a call such as ``movel(``, outside XML (VAL3 has a ``movel`` too)."""
-        return RECOGNISED.search(raw, 0, HEAD_BYTES) is not None and raw.find(b"<![CDATA[", 0, HEAD_BYTES) < 0
+        return words.RECOGNISED.search(raw, 0, HEAD_BYTES) is not None and raw.find(b"<![CDATA[", 0, HEAD_BYTES) < 0
 
     def companions(self, path: Path) -> tuple[Path, ...]:
         """None."""
@@ -81,18 +67,39 @@ class UrScript:
             )
         return reader.finish(self.name, path, UNIT)
 
+    def cut(self, raw: bytes) -> int:
+        """Where the last place is at which a script may be cut in two, 0 for none: between two moves along a path to literal
+        poses, each on a line of its own.
+        """
+        return cut_between(raw, words.ORDINARY.match, lambda before, after: b"movej" not in (before[1], after[1]))
+
+    def parse_piece(
+        self, raw: bytes, path: str, resume: object, others: Sequence[tuple[str, bytes]] = (), last: bool = False
+    ) -> tuple[Program, object]:
+        """See ``toolpaths.formats.InPieces``; NeedsWhole where moves along a path go to named poses."""
+        assert resume is None or isinstance(resume, Continued)
+        reader = _Reader(raw)
+        if resume is not None:
+            reader.take_over(resume)
+        reader.read()
+        reader.left_open &= not last
+        return replace(reader.finish(self.name, path, UNIT), resume=resume), reader.hand_on()
+
 
 class _Reader(Reading):
     """Goes through a script statement by statement, on a copy whose comments and strings are blanks."""
 
+    MODAL = ("poses", "numbers", "first_set", "assigned_again", "last_block")
+
     def __init__(self, raw: bytes) -> None:
         super().__init__(raw, ROTATION_VECTOR)
-        self.code = blanked(raw, COMMENT_OR_STRING)
+        self.code = blanked(raw, words.COMMENT_OR_STRING)
         self.poses: dict[bytes, Target | str] = {}
         self.numbers: dict[bytes, float] = {}
         self.first_set: dict[bytes, int] = {}
         self.assigned_again: set[bytes] = set()
         self.last_block = 0
+        self.left_open = False
         # Call and options of the last ordinary move, and feed and blend that they say; an assignment may change what they mean.
         self.options: tuple[bytes, bytes] | None = None
         self.fast = math.nan, math.nan
@@ -100,7 +107,7 @@ class _Reader(Reading):
     def read(self) -> None:
         code, at, size = self.code, 3 if self.raw.startswith(b"\xef\xbb\xbf") else 0, len(self.raw)
         while at < size:
-            match = ORDINARY.match(code, at)
+            match = words.ORDINARY.match(code, at)
             if match is not None:
                 self.to(match.start(1))
                 self.has_motion = True
@@ -126,22 +133,35 @@ class _Reader(Reading):
     def statement_end(self, at: int) -> int:
         """The end of the line, or of the line on which the brackets opened here are closed."""
         depth = 0
-        for mark in _BRACKET.finditer(self.code, at):
+        for mark in words.BRACKET.finditer(self.code, at):
             if mark[0] == b"\n":
                 if depth <= 0:
                     return mark.start()
             else:
                 depth += 1 if mark[0] in b"[({" else -1
+        self.left_open = depth > 0
         return len(self.code)
 
+    def hand_on(self) -> Continued:
+        """See `Reading`.
+
+        Raises
+        ------
+        NeedsWhole
+            A move along a path goes to a named pose, which other pieces may use too; or a bracket is not closed in this one.
+        """
+        if self.goes_to_stored or self.left_open:
+            raise NeedsWhole
+        return super().hand_on()
+
     def names(self, start: int, end: int) -> list[object]:
-        found: list[object] = list(IDENTIFIER.findall(self.code, start, end))
+        found: list[object] = list(words.IDENTIFIER.findall(self.code, start, end))
         return found
 
     def statement(self, start: int, end: int) -> None:
         """Any statement that is no ordinary move."""
         code, done = self.code, start
-        for call in CALL.finditer(code, start, end):
+        for call in words.CALL.finditer(code, start, end):
             if call.start() < done:
                 continue
             self.mention(self.names(done, call.start()), shown(self.raw, start, end))
@@ -160,16 +180,16 @@ class _Reader(Reading):
             self.assignment(start, end)
         else:
             self.mention(self.names(done, end), shown(self.raw, start, end))
-        if BLOCK.match(code, start, end) is not None:
+        if words.BLOCK.match(code, start, end) is not None:
             self.last_block = self.line
             self.rows.forget()
-        elif done == start and STILL.match(code, start, end) is None:
+        elif done == start and words.STILL.match(code, start, end) is None:
             self.rows.forget()
 
     def call_arguments(self, start: int, end: int) -> tuple[list[tuple[int, int]], int]:
         """Spans of the arguments of a call, and the byte after its bracket."""
         depth = 1
-        for mark in _BRACKET.finditer(self.code, start, end):
+        for mark in words.BRACKET.finditer(self.code, start, end):
             depth += 1 if mark[0] in b"[({" else -1 if mark[0] in b"])}" else 0
             if depth == 0:
                 return arguments(self.code, start, mark.start()), mark.end()
@@ -178,13 +198,13 @@ class _Reader(Reading):
     def assignment(self, start: int, end: int) -> None:
         """Names that get a literal pose or number; every other use of a name is noted."""
         code, self.options = self.code, None
-        match = ASSIGNED.match(code, start, end)
+        match = words.ASSIGNED.match(code, start, end)
         if match is None or match[2] is not None or match[3] != b"=":
             self.mention(self.names(start, end), shown(self.raw, start, end))
             return
         name, value = match[1], code[match.end() : end].strip()
         self.first_set.setdefault(name, self.line)
-        pose = POSE.fullmatch(code, match.end(), match.end() + len(value))
+        pose = words.POSE.fullmatch(code, match.end(), match.end() + len(value))
         again = name in self.poses
         if pose is not None:
             self.poses[name] = Target(pose.groups(), pose.regs[1:7], point=name)
@@ -194,7 +214,7 @@ class _Reader(Reading):
             self.assigned_again.add(name)
             self.mention([name], f"another value of {name.decode()}")
         self.numbers.pop(name, None)
-        if _NUMBER.fullmatch(value) is not None:
+        if words.NUMBER_ALONE.fullmatch(value) is not None:
             self.numbers[name] = float(value)
         if pose is None:
             self.mention(self.names(match.end(), end), shown(self.raw, start, end))
@@ -209,7 +229,7 @@ class _Reader(Reading):
         named = {
             found[1].decode(): (found.end(), piece[1])
             for piece in pieces
-            if (found := _KEYWORD.match(code, *piece)) is not None
+            if (found := words.KEYWORD.match(code, *piece)) is not None
         }
         places = [
             named.get(key, pieces[place] if place < len(pieces) else (call.end(), call.end()))
@@ -230,23 +250,23 @@ class _Reader(Reading):
     def is_joints(self, place: tuple[int, int]) -> bool:
         """Whether a name is no pose (joint positions, or the result of a call)."""
         text = self.code[slice(*place)]
-        return re.fullmatch(NAME, text) is not None and text not in self.poses
+        return re.fullmatch(words.NAME, text) is not None and text not in self.poses
 
     def target(self, start: int, end: int, *, force: bool) -> Target:
         """A literal pose or the name of one, in the base frame or behind ``pose_trans`` of a literal frame."""
         code = self.code
         frame: bytes | None = None
-        within = POSE_TRANS.match(code, start, end)
+        within = words.POSE_TRANS.match(code, start, end)
         if within is not None and code[start:end].rstrip().endswith(b")"):
             pieces, done = self.call_arguments(within.end(), end)
-            if len(pieces) == 2 and done == end and re.fullmatch(NAME, code[slice(*pieces[0])]) is not None:
+            if len(pieces) == 2 and done == end and re.fullmatch(words.NAME, code[slice(*pieces[0])]) is not None:
                 frame, (start, end) = code[slice(*pieces[0])], pieces[1]
         what = repr(shown(self.raw, start, end))
         text = code[start:end]
-        match = POSE.fullmatch(code, start, end)
+        match = words.POSE.fullmatch(code, start, end)
         if match is not None:
             target = Target(match.groups(), match.regs[1:7])
-        elif re.fullmatch(NAME, text) is not None:
+        elif re.fullmatch(words.NAME, text) is not None:
             found = self.poses.get(text, "which is not assigned a literal pose before")
             if isinstance(found, str):
                 raise Unreadable(start, f"the pose {what}, {found}")
@@ -273,7 +293,7 @@ class _Reader(Reading):
 
     def set_tcp(self, pieces: list[tuple[int, int]]) -> None:
         text = self.code[slice(*pieces[0])]
-        match = POSE.fullmatch(self.code, *pieces[0])
+        match = words.POSE.fullmatch(self.code, *pieces[0])
         pose = Target(match.groups(), match.regs[1:7]) if match is not None else self.poses.get(text)
         said = f"set_tcp({shown(self.raw, *pieces[0])})"
         if isinstance(pose, Target):
@@ -286,9 +306,9 @@ class _Reader(Reading):
         """Programmed feed in mm/min; NaN where a time is given or the speed is computed."""
         speed = math.nan
         for place, piece in enumerate(options):
-            found = _KEYWORD.match(self.code, *piece)
+            found = words.KEYWORD.match(self.code, *piece)
             value = self.code[found.end() if found else piece[0] : piece[1]].strip()
-            number = float(value) if _NUMBER.fullmatch(value) else self.numbers.get(value, math.nan)
+            number = float(value) if words.NUMBER_ALONE.fullmatch(value) else self.numbers.get(value, math.nan)
             if (found[1] == b"v") if found else place == 1:
                 speed = number * _MM_PER_MIN
             elif ((found[1] == b"t") if found else place == _RADIUS_AT[call] - 1 != 1) and number != 0:
@@ -299,10 +319,10 @@ class _Reader(Reading):
         """Blend radius in mm, 0 where none is given; NaN where it is computed."""
         radius = 0.0
         for place, piece in enumerate(options):
-            found = _KEYWORD.match(self.code, *piece)
+            found = words.KEYWORD.match(self.code, *piece)
             if (found[1] == b"r") if found else place == _RADIUS_AT[call]:
                 value = self.code[found.end() if found else piece[0] : piece[1]].strip()
-                radius = float(value) if _NUMBER.fullmatch(value) else self.numbers.get(value, math.nan)
+                radius = float(value) if words.NUMBER_ALONE.fullmatch(value) else self.numbers.get(value, math.nan)
         return 1000.0 * radius
 
 

@@ -74,7 +74,7 @@ class WaypointsCsv:
         return raw.rfind(b"\n") + 1
 
     def parse_piece(
-        self, raw: bytes, path: str, resume: object, others: Sequence[tuple[str, bytes]] = ()
+        self, raw: bytes, path: str, resume: object, others: Sequence[tuple[str, bytes]] = (), last: bool = False
     ) -> tuple[Program, object]:
         """Read a piece of a table that was cut at `cut`; `resume` is what the piece before handed on (None: the first)."""
         return self._read(raw, path, resume)
