@@ -37,7 +37,8 @@ _NEARLY_AS_GOOD, _MISSES, _MISSED_SHARE, _A_PARAMETER = 0.8, 25.0, 0.01, 5.0
 _SAME_PHYSICS, _WEAKER = 0.4, 0.3
 # A suspect of the named kind elsewhere that explains this share of it is a rival.
 _RIVAL = 0.5
-# One of a class leads it where it explains this much more than the one that joined first, its freedom paid for.
+# One of a class leads it where it gains this much more on unseen experiments than the one that joined first, and explains this much
+# more, its freedom paid for.
 _CLEARLY = 6.0
 # Effects whose signatures have a correlation above this are held up again once both are there.
 _ALIKE_ABOVE = 0.2
@@ -219,10 +220,12 @@ def _evidence_of_each(bench: Bench, named: list[Named]) -> list[Named]:
         own = next((t for t in able if t.suspect.name == n.tested.suspect.name), n.tested)
         able = [_refined(left, t, own) for t in able]
         same = confounded_with(own, able, per_dof)
-        best = max(
-            (own, *(t for t in same if t.p_value < around.level)), key=lambda t: t.explained / per_dof - bench.cost(t)
+        best = max((own, *same), key=lambda t: t.gain)
+        ahead = min(
+            best.gain - own.gain, (best.explained - own.explained) / per_dof - bench.cost(best) + bench.cost(own)
         )
-        if (best.explained - own.explained) / per_dof > bench.cost(best) - bench.cost(own) + _CLEARLY:
+        refined = any((m.effect.refines, m.effect.where) == (n.effect.kind, n.effect.where) for m in others)
+        if ahead > _CLEARLY and not refined:
             joined = bench.join(others, best, around)
             if not isinstance(joined, str):
                 n, own = joined, best
