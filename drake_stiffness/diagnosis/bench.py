@@ -91,11 +91,14 @@ class Bench:
                 self._left[key] = left.with_columns(np.hstack([left.rest(e) for e in effects]))
         return self._left[key]
 
+    def sensible(self, suspects: Sequence[Suspect], effects: Sequence[Effect]) -> list[Suspect]:
+        """Those that make sense beside the base model and further effects."""
+        present = {(e.kind, e.where) for e in (*self.base.model.effects, *effects)}
+        return [s for s in suspects if s.makes_sense_beside(present)]
+
     def round(self, effects: Sequence[Effect], barred: set[str]) -> Round:
         """All suspects that are not barred against what that fit leaves."""
-        present = {(e.kind, e.where) for e in (*self.base.model.effects, *effects)}
-        able = [s for s in (*self.found, *further_suspects(effects)) if s.name not in barred]
-        able = [s for s in able if s.makes_sense_beside(present)]
+        able = self.sensible([s for s in (*self.found, *further_suspects(effects)) if s.name not in barred], effects)
         key = tuple(sorted(id(e) for e in effects)), tuple(s.name for s in able)
         if key not in self._rounds:
             self.progress(f"trying {sum(len(s.variants) for s in able)} variants of {len(able)} suspects")

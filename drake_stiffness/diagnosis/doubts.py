@@ -15,7 +15,7 @@ from drake_stiffness.diagnosis.naming import Remaining, best_variant, rests_of
 from drake_stiffness.diagnosis.outliers import Outlier
 from drake_stiffness.diagnosis.search import MOST_EFFECTS, Search
 from drake_stiffness.diagnosis.signatures import Scene
-from drake_stiffness.diagnosis.strangers import Likeness, likeness, strangers
+from drake_stiffness.diagnosis.strangers import Likeness, Stranger, likeness, strangers
 from drake_stiffness.diagnosis.suspects import Suspect
 from drake_stiffness.diagnosis.verdict import closed_share, p_of_fit
 from drake_stiffness.effects import Effect
@@ -57,7 +57,7 @@ def stand_ins(found: Search, left_base: Remaining) -> tuple[dict[str, str], dict
     out: dict[str, str] = {}
     as_good: dict[str, str] = {}
     if len(names) > 1:
-        best = likeness(left_base, forms, noise)[0]
+        best = likeness(left_base, _against(forms, found.named), noise)[0]
         together = all_of_them / noise - sum(found.bench.cost(n.tested) for n in found.named)
         if best.score > together + _CLEARLY:
             return dict.fromkeys(names, _why(best, all_of_them, len(names))), {}
@@ -65,7 +65,7 @@ def stand_ins(found: Search, left_base: Remaining) -> tuple[dict[str, str], dict
             as_good = dict.fromkeys(names, best.what)
     for n, name in zip(found.named, names, strict=True):
         others = [m for m in found.named if m is not n]
-        best = likeness(without(left_base, others) if others else left_base, forms, noise)[0]
+        best = likeness(without(left_base, others) if others else left_base, _against(forms, [n]), noise)[0]
         own = max(t.explained / noise - found.bench.cost(t) for t in (n.tested, *n.confounded))
         # A strong effect explains more once it is fitted than to first order.
         own = max(own, (_squares(found, others) - _squares(found, found.named)) / noise - found.bench.cost(n.tested))
@@ -92,6 +92,12 @@ def pull_like(effect: Effect, scene: Scene) -> str:
         return ""
     seen = f"{span:.2f} m" if effect.prismatic else f"{np.rad2deg(span):.0f} deg"
     return f"a hose or a spring that pulls across {effect.where} (of the pattern {periods:.1f} periods were seen, over {seen})"
+
+
+def _against(forms: Sequence[Stranger], named: Sequence[Named]) -> list[Stranger]:
+    """Forms that may speak against names: what goes with angles as weight does, only against errors of the angles themselves."""
+    of_angles = all(isinstance(n.effect, JointPeriodicError) for n in named)
+    return [f for f in forms if of_angles or not f.like_weight]
 
 
 def _squares(found: Search, named: Sequence[Named]) -> float:

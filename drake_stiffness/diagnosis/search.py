@@ -214,7 +214,8 @@ def _evidence_of_each(bench: Bench, named: list[Named]) -> list[Named]:
         bench.progress(f"weighing {n.tested.suspect.name} beside the others")
         others = [m for m in out if m is not n]
         left = bench.left(effects_of(others))
-        found = [_fixed(s, n) for s in bench.found if s.name not in _names(others)]
+        found = [s for s in bench.found if s.name not in _names(others)]
+        found = [_fixed(s, n) for s in bench.sensible(found, effects_of(others))]
         around = try_all(left, found, bench.seed)
         able = [*around.passed, *around.failed]
         own = next((t for t in able if t.suspect.name == n.tested.suspect.name), n.tested)

@@ -40,10 +40,13 @@ class Stranger:
         In words.
     variants : tuple of (rows, p)
         Whitened columns, for every constant that is tried.
+    like_weight : bool
+        Whether it goes with angles as the weight on a spring does. Then it speaks against no name under which something gives way.
     """
 
     what: str
     variants: tuple[Array, ...]
+    like_weight: bool = False
 
 
 @dataclass(frozen=True)
@@ -142,7 +145,7 @@ def _pulls(scene: Scene) -> Iterator[Stranger]:
                 columns.append(scene.deflected(turns))
             names = [arm.joint_names[j] for j in joints]
             across = f"{', '.join(names[:-1])} and {names[-1]}"
-            yield Stranger(f"a pull across {across}", (whitened(scene.o, np.stack(columns, axis=2)),))
+            yield Stranger(f"a pull across {across}", (whitened(scene.o, np.stack(columns, axis=2)),), like_weight=True)
 
 
 def _elapsed(scene: Scene) -> Array:
