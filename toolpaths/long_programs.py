@@ -207,7 +207,7 @@ class _Job:
             pack(self.path, self.dialect, written, self.size)
         result = folded(results, facts, borders, written, (self.before.hexdigest(), after.hexdigest()))
         result.facts["lines"] = self.lines
-        result.notes.extend(notes[:20])
+        result.notes.extend(list(dict.fromkeys(notes))[:20])
         kept = replace(result, refusals=(*result.refusals, *left))
         spool.belongs_to(kept)
         return kept

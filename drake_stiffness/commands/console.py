@@ -36,6 +36,12 @@ BesideOption = Annotated[
 ]
 
 
+def no_program_of(program: Path | None, beside: list[Path] | None, dialect: str | None) -> None:
+    """Refuse options that say how to read a program where none is given."""
+    if program is None and (beside or dialect):
+        raise InputError(f"{'--with' if beside else '--dialect'}: there is no program; name it with --program PROGRAM.")
+
+
 def console() -> Console:
     """The terminal that results go to."""
     from rich.console import Console

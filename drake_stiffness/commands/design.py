@@ -16,6 +16,7 @@ from drake_stiffness.commands.console import (
     check_outputs,
     console,
     json_of,
+    no_program_of,
     say,
     working,
     write,
@@ -54,7 +55,7 @@ def design(
     """Choose measurement postures and loads; PLAN.csv goes to `simulate`, to `shop`, and measured to `identify`."""
     from drake_stiffness.design.job import plan_measurements
 
-    _check_options(criterion, program, process, suspect, krl)
+    _check_options(criterion, program, process, suspect, krl, beside, dialect)
     inputs = tuple(path for path in (cell, program, process, settings, augment, *(beside or ())) if path is not None)
     check_outputs(output, krl, sheet, json, report, inputs=inputs)
     path = None
@@ -91,7 +92,13 @@ def design(
 
 
 def _check_options(
-    criterion: str, program: Path | None, process: Path | None, suspect: str | None, krl: Path | None
+    criterion: str,
+    program: Path | None,
+    process: Path | None,
+    suspect: str | None,
+    krl: Path | None,
+    beside: list[Path] | None,
+    dialect: str | None,
 ) -> None:
     """Options that do not go together."""
     if criterion not in CRITERIA:
@@ -102,6 +109,7 @@ def _check_options(
             f"--criterion {criterion}: --program and --process go with criterion toolpath, both of them: the program to be machined and "
             "how it is machined (process.yaml)."
         )
+    no_program_of(program, beside, dialect)
     if (criterion == "ds") != (suspect is not None):
         raise InputError(
             f"--criterion {criterion}: --suspect KIND:WHERE goes with criterion ds, such as --suspect gravity_compensator:joint_2."

@@ -16,6 +16,7 @@ from drake_stiffness.commands.console import (
     check_outputs,
     console,
     json_of,
+    no_program_of,
     use_kinds,
     working,
     write,
@@ -53,6 +54,7 @@ def stiffness_map(
     from toolpaths.stiffness_map import stiffness_map as run
 
     use_kinds(kinds)
+    no_program_of(program, beside, dialect)
     inputs = tuple(path for path in (model, process, program, *(beside or ())) if path is not None)
     check_outputs(output, json, report, inputs=inputs)
     loaded, job = load_model(model), read_process(process)

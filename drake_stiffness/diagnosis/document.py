@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -11,6 +12,7 @@ from drake_stiffness.diagnosis.detection import Limit, detection_limits
 from drake_stiffness.diagnosis.diagnosis import Diagnosis, gap_mm
 from drake_stiffness.diagnosis.evidence import Tested
 from drake_stiffness.diagnosis.growth import Further
+from drake_stiffness.diagnosis.outliers import Outlier
 from drake_stiffness.diagnosis.search import MOST_EFFECTS
 from drake_stiffness.diagnosis.suspects import suspects, timed
 
@@ -100,7 +102,7 @@ def _limits(d: Diagnosis) -> list[Limit]:
     return detection_limits(d.search.left, d.search.last, tried)
 
 
-def _outlier(x: Any) -> dict[str, Any]:
+def _outlier(x: Outlier) -> dict[str, Any]:
     return {
         "kind": "outliers",
         "where": x.name,
@@ -117,13 +119,8 @@ def _rejected(d: Diagnosis) -> list[dict[str, Any]]:
         {"kind": name.partition(" at ")[0], "where": name.partition(" at ")[2], "why": why}
         for name, why in d.withdrawn.items()
     ]
-    # What may be as well as what is named is not ruled out.
-    said = (
-        {t.suspect.name for n in d.search.named for t in (n.tested, *n.confounded)}
-        | set(d.withdrawn)
-        | set(d.search.faults)
-    )
-    said |= {name for x in d.outliers for name in x.instead}
+    possible = what_may_be(d.search.named, d.outliers)
+    said = possible | set(d.withdrawn) | set(d.search.faults)
     tested = [t for t in (*d.search.last.passed, *d.search.last.failed) if t.suspect.name not in said]
     out += [
         {"kind": t.suspect.kind, "where": t.suspect.where, "why": why_not(t, d.search.last.level, len(d.search.named))}
@@ -141,9 +138,17 @@ def _rejected(d: Diagnosis) -> list[dict[str, Any]]:
         if s.name not in said
     ]
     for name, reason in d.search.faults.items():
+        if name in possible:
+            continue
         kind, _, where = name.partition(" at ")
         out.append({"kind": kind, "where": where, "why": f"could not be tried: {reason}"})
     return out
+
+
+def what_may_be(named: Sequence[Named], outliers: Sequence[Outlier] = ()) -> set[str]:
+    """Names and all that their classes hold: none of it is ruled out."""
+    out = {t.suspect.name for n in named for t in (n.tested, *n.confounded)}
+    return out | {name for x in outliers for name in x.instead}
 
 
 def why_not(t: Tested, level: float, named: int) -> str:

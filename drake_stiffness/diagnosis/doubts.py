@@ -14,7 +14,6 @@ from drake_stiffness.diagnosis.generic import Process
 from drake_stiffness.diagnosis.naming import Remaining, best_variant, rests_of
 from drake_stiffness.diagnosis.outliers import Outlier
 from drake_stiffness.diagnosis.search import MOST_EFFECTS, Search
-from drake_stiffness.diagnosis.signatures import Scene
 from drake_stiffness.diagnosis.strangers import Likeness, Stranger, likeness, strangers
 from drake_stiffness.diagnosis.suspects import Suspect
 from drake_stiffness.diagnosis.verdict import closed_share, p_of_fit
@@ -34,8 +33,6 @@ _NOT_NOISE, _MOSTLY = 1e-3, 0.75
 # Held-out readings that are less probable by this much (twice the log) with a name than without refute it. It is then taken for chance
 # unless its p-value was below this share of what it had to be below.
 _AGAINST, NO_CHANCE = 6.0, 1e-3
-# What was seen for less than so many periods is not known to repeat.
-_PERIODS = 1.5
 _SURE = 0.0005  # of the 1 % that all of diagnosis may err by
 
 
@@ -62,7 +59,7 @@ def stand_ins(found: Search, left_base: Remaining) -> tuple[dict[str, str], dict
         if best.score > together + _CLEARLY:
             return dict.fromkeys(names, _why(best, all_of_them, len(names))), {}
         if best.score > together - _CLEARLY:
-            as_good = dict.fromkeys(names, best.what)
+            as_good = dict.fromkeys(names, f"{best.what}, in place of {' and '.join(names)} together")
     for n, name in zip(found.named, names, strict=True):
         others = [m for m in found.named if m is not n]
         best = likeness(without(left_base, others) if others else left_base, _against(forms, [n]), noise)[0]
@@ -71,27 +68,24 @@ def stand_ins(found: Search, left_base: Remaining) -> tuple[dict[str, str], dict
         own = max(own, (_squares(found, others) - _squares(found, found.named)) / noise - found.bench.cost(n.tested))
         if best.score > own + _CLEARLY:
             out[name] = _why(best, n.tested.explained, 1)
+            as_good.pop(name, None)
         elif best.score > own - _CLEARLY:
             as_good[name] = best.what
-        elif like := pull_like(n.effect, left_base.scene):
+        elif like := pull_like(n.effect):
             as_good[name] = like
     return out, as_good
 
 
-def pull_like(effect: Effect, scene: Scene) -> str:
-    """What turns a joint as its periodic error does, where too few periods were seen to know that it repeats; empty if nothing.
+def pull_like(effect: Effect) -> str:
+    """What turns a joint just as its periodic error does; empty if nothing.
 
-    A spring without free length, or a hose, between the two links of a joint brings a torque that goes with the sine and
-    cosine of its angle, and so does the angle it gives by.
+    A spring without free length between the two links of a joint, and a hose nearly, brings a torque that goes with the sine
+    and cosine of the angle, and so does the angle that the joint gives by: an error of one period a turn.
     """
-    if not isinstance(effect, JointPeriodicError):
+    if not isinstance(effect, JointPeriodicError) or effect.prismatic or 1.0 not in effect.harmonics:
         return ""
-    span = float(np.ptp(scene.cases.q[effect.number(scene.model.arm)]))
-    periods = max(effect.harmonics) * span / (1.0 if effect.prismatic else 2 * np.pi)
-    if periods >= _PERIODS:
-        return ""
-    seen = f"{span:.2f} m" if effect.prismatic else f"{np.rad2deg(span):.0f} deg"
-    return f"a hose or a spring that pulls across {effect.where} (of the pattern {periods:.1f} periods were seen, over {seen})"
+    part = "" if len(effect.harmonics) == 1 else ", for its part of one period a turn"
+    return f"a hose or a spring that pulls across {effect.where}{part}"
 
 
 def _against(forms: Sequence[Stranger], named: Sequence[Named]) -> list[Stranger]:
@@ -170,9 +164,12 @@ def effects_behind(left: Remaining, found: Sequence[Suspect], outlier: Outlier) 
         What the model leaves of all readings, those of the outlier included.
     """
     m = left.scene.o.measurements
+    present = {(e.kind, e.where) for e in left.scene.model.effects}
     places = 2 * (len(m.experiments) + m.cases.number)
     enough, out = score(outlier.excess + outlier.unknowns, outlier.unknowns, places, 1.0), []
     for suspect in found:
+        if (suspect.kind, suspect.where) in present or not suspect.makes_sense_beside(present):
+            continue
         rests = rests_of(left, suspect, {})
         t = best_variant(left, suspect, rests, [basis_of(S) for S in rests])
         if t is not None:

@@ -235,6 +235,8 @@ def _improved(left: Remaining, t: Tested) -> Tested:
     """The same with its nonlinear constants improved: neighbours are tried with ever smaller steps."""
     for step in (0.5, 0.25, 0.12, 0.06):
         for other in t.effect.neighbours(step):
+            if not left.scene.shows(other):
+                continue
             rest = left.rest(other)
             suspect = Suspect(t.suspect.kind, t.suspect.where, (other,))
             found = best_variant(left, suspect, (rest,), (basis_of(rest),))
@@ -257,11 +259,16 @@ def is_sponge(r: Array, t: Tested) -> bool:
     return any(float(((Q.T @ r) ** 2).sum()) > _NEARLY * t.explained + by_chance for Q in others)
 
 
-def confounded_with(chosen: Tested, others: list[Tested], per_dof: float) -> list[Tested]:
+def confounded_with(chosen: Tested, others: list[Tested], per_dof: float, choices: int = 1) -> list[Tested]:
     """Suspects that this campaign cannot tell from the chosen one.
 
     Those whose left-over columns carry the chosen signature with a correlation above `SAME_ABOVE`, and those that may be the truth
     all the same (`may_be`).
+
+    Parameters
+    ----------
+    choices : int, optional
+        Those that the constants of the chosen one were searched among, see `choices_among`.
     """
     same = []
     size = max(float(np.linalg.norm(chosen.fit)), 1e-300)
@@ -269,17 +276,27 @@ def confounded_with(chosen: Tested, others: list[Tested], per_dof: float) -> lis
         if other.suspect.name == chosen.suspect.name or other.explained < _SOMETHING * chosen.explained:
             continue
         correlation = max(float(np.linalg.norm(Q.T @ chosen.fit)) / size for Q in other.bases)
-        if correlation > SAME_ABOVE or may_be(other, chosen, per_dof):
+        if correlation > SAME_ABOVE or may_be(other, chosen, per_dof, choices):
             same.append(other)
     return same
 
 
-def may_be(other: Tested, chosen: Tested, per_dof: float) -> bool:
+def choices_among(bases: Sequence[Array]) -> int:
+    """How many a choice among variants is worth: those that correlate above `SAME_ABOVE` with one before them are the same."""
+    kept: list[Array] = []
+    for Q in bases:
+        if Q.shape[1] and not any(np.sum((P.T @ Q) ** 2) > SAME_ABOVE**2 * Q.shape[1] for P in kept):
+            kept.append(Q)
+    return max(len(kept), 1)
+
+
+def may_be(other: Tested, chosen: Tested, per_dof: float, choices: int = 1) -> bool:
     """Whether one that explains less may be the truth all the same.
 
     Were it, with P its projector, P_c that of the chosen one and f what it truly does, the chosen one's lead in explained squares
     would have the mean -d^2 + p_c - p, with d^2 = |f - P_c f|^2, and two sources of spread: 2 d times a normal one, and that of
-    chi-square with as many degrees of freedom as directions are not shared. Noise in its fit adds p - tr(P_c P) to d^2.
+    chi-square with as many degrees of freedom as directions are not shared. Noise in its fit adds p - tr(P_c P) to d^2. The best of
+    n choices leads by up to 2 log n more.
     """
     from scipy.special import chdtri
 
@@ -290,4 +307,4 @@ def may_be(other: Tested, chosen: Tested, per_dof: float) -> bool:
     d2 = max(float(outside @ outside) / per_dof - (p - shared), 0.0)
     apart = max(p + p_c - 2 * shared, 1e-6)
     spread = np.hypot(2 * _EXCLUDED_AT * np.sqrt(d2), chdtri(apart, _EXCLUDED) - apart)
-    return (chosen.explained - other.explained) / per_dof <= p_c - p - d2 + float(spread)
+    return (chosen.explained - other.explained) / per_dof <= p_c - p - d2 + float(spread) + 2 * np.log(choices)

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from drake_stiffness.diagnosis.diagnosis import task_seed
-from drake_stiffness.diagnosis.document import FORMAT, why_not
+from drake_stiffness.diagnosis.document import FORMAT, what_may_be, why_not
 from drake_stiffness.diagnosis.evidence import Tested
 from drake_stiffness.diagnosis.generic import fit_process
 from drake_stiffness.diagnosis.locate import by_part, in_words
@@ -149,6 +149,7 @@ def recheck_document(found: Recheck, stored: Model) -> dict[str, Any]:
     rest = measured(o) - predicted(o, found.settled.model)
     readings = o.measurements.case.size
     rms = float(np.sqrt((rest[: 3 * readings] ** 2).sum() / max(readings, 1))) * o.sigma_p * 1e3
+    possible = what_may_be([change.named for change in found.changes])
     # The readings took no part in the stored model: all of them are held out before, every posture in turn after.
     return {
         "format": FORMAT,
@@ -171,6 +172,7 @@ def recheck_document(found: Recheck, stored: Model) -> dict[str, Any]:
         "rejected": [
             {"kind": t.suspect.kind, "where": t.suspect.where, "why": _why(t, found)}
             for t in [*found.last.passed, *found.last.failed]
+            if t.suspect.name not in possible
         ]
         + [
             {"kind": name.partition(" at ")[0], "where": name.partition(" at ")[2], "why": f"could not be tried: {why}"}

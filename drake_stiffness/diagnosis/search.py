@@ -18,13 +18,16 @@ from drake_stiffness.diagnosis.naming import (
     Remaining,
     Round,
     best_variant,
+    choices_among,
     confounded_with,
     is_sponge,
     refine,
+    rests_of,
     try_all,
 )
 from drake_stiffness.diagnosis.signatures import signature
 from drake_stiffness.diagnosis.suspects import Suspect
+from drake_stiffness.effects import Effect
 from drake_stiffness.identification import Solution
 
 # More effects than this at once were never told apart; what is left then is said to be unexplained.
@@ -39,7 +42,7 @@ _SAME_PHYSICS, _WEAKER = 0.4, 0.3
 _RIVAL = 0.5
 # One of a class leads it where it gains this much more on unseen experiments than the one that joined first, and explains this much
 # more, its freedom paid for.
-_CLEARLY = 6.0
+_LEADS = 6.0
 # Effects whose signatures have a correlation above this are held up again once both are there.
 _ALIKE_ABOVE = 0.2
 
@@ -119,8 +122,9 @@ def weighed(found: Search, known: Sequence[Named] = (), barred: frozenset[str] =
     named = _evidence_of_each(found.bench, list(found.named))
     weak = [n for n in named if n.tested.p_value >= n.level]
     if not weak:
-        effects = effects_of(named)
-        return replace(found, named=tuple(named), solution=found.bench.fit(effects), left=found.bench.left(effects))
+        bench, effects = found.bench, effects_of(named)
+        last = bench.round(effects, _names(named) | set(found.faults))
+        return replace(found, named=tuple(named), solution=bench.fit(effects), left=bench.left(effects), last=last)
     if known:
         return weighed(search(found.bench))
     worst = max(weak, key=lambda n: n.tested.p_value)
@@ -206,9 +210,12 @@ def _alike(a: Tested, b: Tested) -> bool:
     return abs(float(a.fit @ b.fit)) > _ALIKE_ABOVE * size
 
 
-def _evidence_of_each(bench: Bench, named: list[Named]) -> list[Named]:
-    """The evidence for each named effect with all the others in the model, and its class, led by its best; strongest first."""
-    out = list(named)
+def _evidence_of_each(bench: Bench, named: list[Named], leads: bool = True) -> list[Named]:
+    """The evidence for each named effect with all the others in the model, and its class; strongest first.
+
+    With `leads` the best of a class may take the lead; then all are weighed once more beside it.
+    """
+    out, changed = list(named), False
     per_dof = bench.left(effects_of(named)).per_dof
     for k, n in enumerate(named):
         bench.progress(f"weighing {n.tested.suspect.name} beside the others")
@@ -220,19 +227,35 @@ def _evidence_of_each(bench: Bench, named: list[Named]) -> list[Named]:
         able = [*around.passed, *around.failed]
         own = next((t for t in able if t.suspect.name == n.tested.suspect.name), n.tested)
         able = [_refined(left, t, own) for t in able]
-        same = confounded_with(own, able, per_dof)
-        best = max((own, *same), key=lambda t: t.gain)
-        ahead = min(
-            best.gain - own.gain, (best.explained - own.explained) / per_dof - bench.cost(best) + bench.cost(own)
-        )
-        refined = any((m.effect.refines, m.effect.where) == (n.effect.kind, n.effect.where) for m in others)
-        if ahead > _CLEARLY and not refined:
-            joined = bench.join(others, best, around)
+        same = confounded_with(own, able, per_dof, _choices(bench, left, own))
+        leader = _leader(bench, n, own, same, around, per_dof) if leads else None
+        if leader is not None and not any(_refines(m.effect, n.effect) for m in others):
+            joined = bench.join(others, leader, around)
             if not isinstance(joined, str):
-                n, own = joined, best
-                same = confounded_with(own, able, per_dof)
+                out[k], changed = joined, True
+                continue
         out[k] = replace(n, tested=own, confounded=tuple(same), level=around.level)
-    return sorted(out, key=lambda n: -n.tested.gain)
+    return _evidence_of_each(bench, out, leads=False) if changed else sorted(out, key=lambda n: -n.tested.gain)
+
+
+def _leader(
+    bench: Bench, n: Named, own: Tested, same: Sequence[Tested], around: Round, per_dof: float
+) -> Tested | None:
+    """One of a class that does clearly better than the one that joined first, on unseen experiments and with its freedom paid for."""
+    able = [t for t in same if t.p_value < around.level]
+    best = max(able, key=lambda t: t.gain, default=own)
+    more = (best.explained - own.explained) / per_dof - bench.cost(best) + bench.cost(own)
+    return best if min(best.gain - own.gain, more) > _LEADS else None
+
+
+def _refines(effect: Effect, other: Effect) -> bool:
+    return (effect.refines, effect.where) == (other.kind, other.where)
+
+
+def _choices(bench: Bench, left: Remaining, own: Tested) -> int:
+    """Those that a named effect's constants were searched among."""
+    whole = next((s for s in bench.found if s.name == own.suspect.name), own.suspect)
+    return choices_among([basis_of(S) for S in rests_of(left, whole, {})]) if len(whole.variants) > 1 else 1
 
 
 def _refined(left: Remaining, t: Tested, own: Tested) -> Tested:

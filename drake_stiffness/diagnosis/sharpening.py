@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from drake_stiffness.diagnosis.evidence import basis_of
+from drake_stiffness.diagnosis.signatures import Scene
 from drake_stiffness.effects import Effect
 from drake_stiffness.errors import InputError, UntrustworthyError
 from drake_stiffness.identification import Solution
@@ -31,9 +32,11 @@ def sharpened(solution: Solution, o: Observations, effect: Effect) -> Effect:
     """
     model = solution.model
     Q = basis_of(columns(o, model) @ solution.identifiability.seen)
-    y = measured(o)
+    y, scene = measured(o), Scene(model, o)
 
     def rest(other: Effect) -> float:
+        if not scene.shows(other):
+            return np.inf
         effects = tuple(other if e is effect else e for e in model.effects)
         try:
             r = y - predicted(o, replace(model, effects=effects, statistics=None))

@@ -127,7 +127,9 @@ def _pulls(scene: Scene) -> Iterator[Stranger]:
     arm, q = scene.model.structure.arm, scene.cases.q
     if scene.o.displacement:
         return
-    k = [own or ROTATION_SCALE for own in scene.model.structure.k_joint]
+    k = scene.model.structure.k_joint
+    if not any(k):
+        k = np.full(arm.num_joints, ROTATION_SCALE)
     for i in range(arm.num_joints):
         for end in (i + 2, i + 3):
             joints = range(i, min(end, arm.num_joints))

@@ -103,7 +103,8 @@ def values_in_words(entry: dict[str, Any]) -> str:
 def searched(entry: dict[str, Any]) -> list[tuple[str, object, str]]:
     """Constants of a named effect that a search chose: name, value, unit."""
     slides = entry["settings"].get("prismatic", False)
-    units = {"threshold": "N" if slides else "N m", "harmonic": "periods a metre" if slides else "periods a turn"}
+    load = "N" if slides else "N m"
+    units = {"threshold": load, "knee": load, "harmonic": "periods a metre" if slides else "periods a turn"}
     units |= {"settling_s": "s", "lever_m": "m", "lever_deg": "deg", "anchor_m": "m"}
     return [
         (name, value, units.get(name, "")) for name, value in entry["settings"].items() if name not in _NEVER_SEARCHED

@@ -47,9 +47,10 @@ class JointHardening(JointEffect):
         super().__init__(where, prismatic)
         if form not in get_args(Form):
             raise InputError(f"{self.kind} at '{where}': found form: {form!r}; expected {', '.join(get_args(Form))}.")
-        if (form == "two_slopes") != (knee is not None and knee > 0):
+        able = isinstance(knee, int | float) and not isinstance(knee, bool) and 0 < knee < np.inf
+        if (not able) if form == "two_slopes" else knee is not None:
             raise InputError(
-                f"{self.kind} at '{where}': found form: {form} with knee: {knee}; expected a torque above zero ({self.load_unit}) where "
+                f"{self.kind} at '{where}': found form: {form} with knee: {knee!r}; expected a torque above zero ({self.load_unit}) where "
                 "the form is two_slopes, and none where it is another."
             )
         self.form, self.knee = form, knee

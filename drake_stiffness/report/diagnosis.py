@@ -58,7 +58,11 @@ def diagnosis_report(result: Diagnosed) -> str:
         _where(result),
         arm_section(d.search.base.model, d.search.solution.model, d.observations),
         suspects_section(
-            d.search.first, fates(d.search.named, d.withdrawn), result.document["rejected"], "the base model", _REFITTED
+            d.search.first,
+            fates(d.search.named, d.withdrawn, d.outliers),
+            result.document["rejected"],
+            "the base model",
+            _REFITTED,
         ),
         ruled_out_section(result.document),
         next_section(result.document["next_experiment"]),

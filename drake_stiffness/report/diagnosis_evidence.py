@@ -19,6 +19,7 @@ from drake_stiffness.report import page as h
 if TYPE_CHECKING:
     from drake_stiffness.diagnosis.bench import Named
     from drake_stiffness.diagnosis.naming import Round
+    from drake_stiffness.diagnosis.outliers import Outlier
 
 _MOST = 15
 
@@ -74,9 +75,14 @@ def suspects_section(
     )
 
 
-def fates(named: Sequence[Named], withdrawn: Mapping[str, str]) -> dict[str, tuple[str, str]]:
+def fates(
+    named: Sequence[Named], withdrawn: Mapping[str, str], outliers: Sequence[Outlier] = ()
+) -> dict[str, tuple[str, str]]:
     """What became of suspects that were not simply rejected, by name."""
     out = {name: ("withdrawn", why) for name, why in withdrawn.items()}
+    for x in outliers:
+        for name in x.instead:
+            out.setdefault(name, ("cannot be told from a named one", f"it may be that {x.name} is no outlier"))
     for n in named:
         for t in n.confounded:
             what = f"this campaign cannot tell it from {n.tested.suspect.name}"

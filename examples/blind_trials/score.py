@@ -97,6 +97,7 @@ def headline(records: list[Record], cases: list[Case]) -> str:
 GLOSSARY = """*Found*: the true kind at the true place, alone or in the class that is named. *Kind*: the true kind elsewhere. *Abstained*: no name, but the
 verdict says that a gap remains. *Missed*: called consistent. *Fitted data*: what is not held out; a test of several columns pays for each.
 *Oracle's test of these very readings*: its statistic with the noise that this trial has, in one column, so the comparison is in pairs.
+A step that is named an outlier may have effects in its class; one that is hidden is found there.
 """
 
 

@@ -76,6 +76,10 @@ def test_the_best_of_a_class_leads_it_and_is_in_the_model(tmp_path, played):
     assert [n.tested.suspect.name for n in better.named] == [PLAY]
     assert any(e is better.named[0].effect for e in better.solution.model.effects)
     assert better.left.r @ better.left.r < found.left.r @ found.left.r
+    friction = [
+        t for t in (*better.last.passed, *better.last.failed) if t.suspect.name == "joint_hysteresis at joint_1"
+    ]
+    assert len(friction) == 1, "it is held against the model that now has the play"
 
 
 def test_a_name_that_unseen_readings_speak_against_goes_alone(tmp_path, plan, played):

@@ -209,10 +209,10 @@ def test_of_many_values_the_surest_changes_are_said_and_the_others_counted():
 
 
 def test_what_leaves_nearly_all_of_the_gap_is_no_answer(stored, same):
-    """The flange moved by 0.1 mm at random at every step: something always passes its test, and none of it is true."""
+    """The flange moved by 0.1 mm at random at every step: something passes its test, and none of it is true."""
     task, model = read_task(same), load_model(stored)
     exact = run(draw(5, 2)).exact
-    shaken = exact + np.random.default_rng(5).normal(scale=6e-5, size=(exact.shape[0], 1, 3))
+    shaken = exact + np.random.default_rng(3).normal(scale=6e-5, size=(exact.shape[0], 1, 3))
     m = replace(task.measurements, position=shaken.reshape(-1, 3))
     found = recheck(model, [], m, observe(m, True, task.campaign.noise), 0, lambda text: None)
     assert (found.verdict, found.changes) == ("unexplained", ())

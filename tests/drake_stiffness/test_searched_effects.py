@@ -89,6 +89,8 @@ def test_a_knee_shows_where_loads_lie_on_both_sides_of_it(arms, tau, shown):
         ({"form": "cube"}, "found form: 'cube'; expected quadratic, cubic, contact, two_slopes"),
         ({"form": "two_slopes"}, "found form: two_slopes with knee: None; expected a torque above zero"),
         ({"form": "two_slopes", "knee": -3.0}, "with knee: -3.0; expected a torque above zero"),
+        ({"form": "two_slopes", "knee": float("inf")}, "with knee: inf; expected a torque above zero"),
+        ({"form": "two_slopes", "knee": "stiff"}, "with knee: 'stiff'; expected a torque above zero"),
         ({"form": "cubic", "knee": 300.0}, "found form: cubic with knee: 300.0; expected .* none where it is another"),
     ],
 )

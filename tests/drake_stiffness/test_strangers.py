@@ -11,6 +11,7 @@ from plants.friction import DahlFriction
 
 from drake_stiffness.diagnosis.diagnosis import diagnose
 from drake_stiffness.diagnosis.document import diagnosis_document
+from drake_stiffness.diagnosis.doubts import pull_like
 from drake_stiffness.diagnosis.evidence import basis_of
 from drake_stiffness.diagnosis.naming import remaining
 from drake_stiffness.diagnosis.signatures import Scene, signature
@@ -81,6 +82,27 @@ def test_a_hose_looks_more_like_a_pull_across_joints_than_like_any_error_of_one(
     assert max(pulls, key=pulls.__getitem__).startswith("a pull across joint_4, joint_5 and joint_6")
     assert max(pulls.values()) > 0.95
     assert 1 - max(pulls.values()) < 0.1 * (1 - max(errors)), f"{max(pulls.values())}"
+
+
+@pytest.mark.parametrize(
+    ("settings", "words"),
+    [
+        ({"harmonic": 1.0}, "a hose or a spring that pulls across joint_5"),
+        ({"harmonic": [1.0, 16.0]}, "a hose or a spring that pulls across joint_5, for its part of one period a turn"),
+        ({"harmonic": 2.0}, ""),
+        ({"harmonic": 1.0, "prismatic": True}, ""),
+    ],
+)
+def test_an_error_of_one_period_a_turn_is_what_a_spring_across_the_joint_makes(arms, settings, words):
+    """A spring without free length from a pin on one link to one on the next, by the slope of its energy."""
+    assert pull_like(make_effect("joint_periodic_error", "joint_5", settings)) == words
+    q = np.linspace(-3.0, 3.0, 61)
+    far = np.array([0.4 + 0.3 * np.cos(q) - 0.1 * np.sin(q), 0.2 + 0.3 * np.sin(q) + 0.1 * np.cos(q)])
+    torque = -np.gradient(0.5 * (far**2).sum(axis=0), q)[1:-1]
+    waves = np.column_stack([np.sin(q), np.cos(q)])[1:-1]
+    assert np.linalg.norm(torque - waves @ np.linalg.lstsq(waves, torque, rcond=None)[0]) < 1e-3 * np.linalg.norm(
+        torque
+    )
 
 
 def test_a_kelvin_element_follows_with_its_time(tmp_path, plan):
