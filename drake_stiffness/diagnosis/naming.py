@@ -35,6 +35,8 @@ _LEAST_DOF = 10
 # Variants whose signatures correlate by less than this are of another shape; one of them explaining this share of the best
 # means that the best is no discovery.
 _ANOTHER_SHAPE, _NEARLY = 0.6, 0.6
+# A variant that explains this share of what the best one does could have been chosen by another draw of the noise.
+_COULD_HAVE = 0.5
 # Who explains less than this share of what the chosen one does, its bounds respected, is not of its class, whatever its columns span.
 _SOMETHING = 0.1
 
@@ -281,11 +283,22 @@ def confounded_with(chosen: Tested, others: list[Tested], per_dof: float, choice
     return same
 
 
-def choices_among(bases: Sequence[Array]) -> int:
-    """How many a choice among variants is worth: those that correlate above `SAME_ABOVE` with one before them are the same."""
+def choices_among(bases: Sequence[Array], r: Array) -> int:
+    """How many a choice among variants is worth: those that explain half of what the best one does, neighbours counted once.
+
+    Neighbours correlate above `SAME_ABOVE`. Variants that explain little could not have been chosen.
+
+    Parameters
+    ----------
+    r : (rows,)
+        What the model leaves.
+    """
+    explained = [float(((Q.T @ r) ** 2).sum()) for Q in bases]
     kept: list[Array] = []
-    for Q in bases:
-        if Q.shape[1] and not any(np.sum((P.T @ Q) ** 2) > SAME_ABOVE**2 * Q.shape[1] for P in kept):
+    for Q, own in zip(bases, explained, strict=True):
+        if own < _COULD_HAVE * max(explained) or not Q.shape[1]:
+            continue
+        if not any(np.sum((P.T @ Q) ** 2) > SAME_ABOVE**2 * Q.shape[1] for P in kept):
             kept.append(Q)
     return max(len(kept), 1)
 

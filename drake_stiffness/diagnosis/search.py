@@ -255,7 +255,7 @@ def _refines(effect: Effect, other: Effect) -> bool:
 def _choices(bench: Bench, left: Remaining, own: Tested) -> int:
     """Those that a named effect's constants were searched among."""
     whole = next((s for s in bench.found if s.name == own.suspect.name), own.suspect)
-    return choices_among([basis_of(S) for S in rests_of(left, whole, {})]) if len(whole.variants) > 1 else 1
+    return choices_among([basis_of(S) for S in rests_of(left, whole, {})], left.r) if len(whole.variants) > 1 else 1
 
 
 def _refined(left: Remaining, t: Tested, own: Tested) -> Tested:
