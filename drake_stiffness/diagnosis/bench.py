@@ -23,8 +23,8 @@ from drake_stiffness.observation import Observations
 LATER = 0.5
 # What is left is not noise below this probability; constants are then improved around the fitted model, so often at most.
 _NOT_NOISE, _SHARPENINGS = 1e-3, 3
-# Fits that come to rest at all do so in three to eight iterations; after so many the suspect fails, says so, and the run goes on.
-_MOST_ITERATIONS = 15
+# Fits come to rest in three to eight iterations, a few in 30; after so many the suspect fails, says so, and the run goes on.
+_MOST_ITERATIONS = 40
 
 
 @dataclass(frozen=True, eq=False)
