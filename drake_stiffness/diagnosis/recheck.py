@@ -38,6 +38,7 @@ FEWEST_TO_LEAVE_OUT = 4
 _LEVEL = 0.005
 _EXPLAINED, _PARTLY = 0.9, 0.1
 _NOTHING_SHOWN = "readings that depend on it"
+_EMPTY = "fitted together with the others, all its values are zero"
 
 
 @dataclass(frozen=True, eq=False)
@@ -132,17 +133,25 @@ def recheck(
     left = with_prior(_anew(model, start, free), o, root, free)
     testable, untestable = _suspects(left, fresh, m)
     postures = int(np.unique(posture_groups(m.cases)).size)
-    changes, after, first, last, found = _search(left, testable, seed, postures, progress)
-    verdict = _judge(left, after, changes)
-    if verdict == "unexplained":
-        # What passes its test and leaves nearly all of the gap soaks up a little of something else: it is no answer.
-        changes, after, last, found = [], left, first, found[:, :0]
+    empty: dict[str, str] = {}
+    while True:
+        able = [s for s in testable if s.name not in empty]
+        changes, after, first, last, found = _search(left, able, seed, postures, progress)
+        verdict = _judge(left, after, changes)
+        if verdict == "unexplained":
+            # What passes its test and leaves nearly all of the gap soaks up a little of something else: it is no answer.
+            changes, after, last, found = [], left, first, found[:, :0]
+        settled = _settle(left.scene.model, o, root, free, changes)
+        gone = [c for c in changes if c.appeared and not settled.model.values[c.number].any()]
+        if not gone:
+            break
+        empty |= {c.named.tested.suspect.name: _EMPTY for c in gone}
+    last = replace(last, faults=last.faults | empty)
     named = {c.named.tested.suspect.name for c in changes}
     tried = {t.suspect.name for t in (*last.passed, *last.failed)} | set(last.faults)
     hidden = [s for s in testable if s.name not in named | tried and _hidden(left, s.variants)]
     untestable += [Untestable(s.kind, s.where, _NOTHING_SHOWN) for s in hidden]
     unnamed = [s for s in testable if s.name not in named and s not in hidden]
-    settled = _settle(left.scene.model, o, root, free, changes)
     return Recheck(
         verdict=verdict,
         settled=settled,

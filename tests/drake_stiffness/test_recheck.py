@@ -12,6 +12,7 @@ from scipy.spatial.transform import Rotation
 from typer.testing import CliRunner
 
 from drake_stiffness.cli import app
+from drake_stiffness.diagnosis import recheck as recheck_module
 from drake_stiffness.diagnosis.prior import prior_root, with_prior
 from drake_stiffness.diagnosis.recheck import recheck
 from drake_stiffness.diagnosis.recheck_job import recheck_campaign, recheck_document
@@ -96,6 +97,27 @@ def test_a_backlash_that_appeared_is_named(folder, stored, five):
     width = result.document["effects"][0]["parameters"]["width"]
     assert width["value"] == pytest.approx(1e-4, rel=0.15)
     assert "value_then" not in width
+
+
+def test_what_comes_to_nothing_once_all_is_fitted_has_not_appeared(folder, stored, five, monkeypatch):
+    """A cone or a bound may leave nothing of what passed its test to first order; here backlash, by decree."""
+    whole = recheck_module._settle
+
+    def settled(model, o, root, free, changes):
+        out, x = whole(model, o, root, free, changes), None
+        for change in changes:
+            if change.named.effect.kind == "joint_backlash":
+                x = out.model.x.copy()
+                x[out.model.slices[change.number]] = 0.0
+        return out if x is None else replace(out, model=out.model.with_x(x))
+
+    monkeypatch.setattr(recheck_module, "_settle", settled)
+    worn = run(five, with_physics(Backlash(0, 1e-4, 50.0, 0.05, 4000.0)))
+    result = recheck_campaign(write(folder / "nothing", table(worn, 4)), stored)
+    assert "joint_backlash" not in [kind for kind, *_ in named(result)]
+    assert any(
+        "all its values are zero" in r["why"] for r in result.document["rejected"] if r["kind"] == "joint_backlash"
+    )
 
 
 def test_a_tracker_that_was_turned_is_named(folder, stored, five):
