@@ -51,7 +51,8 @@ def by_part(scene: Scene, residual: Array, dof: int) -> dict[str, list[Place]]:
     if np.isfinite(cases.time_s).all() and np.ptp(cases.time_s) > 0:
         parts["by_time"] = _time_bins(cases.time_s)[case]
     squares = (residual[: 3 * case.size].reshape(-1, 3) ** 2).sum(axis=1)
-    out = {name: _table(labels, squares, lost, o.sigma_p) for name, labels in parts.items()}
+    rising = np.argsort(cases.step[case], kind="stable")
+    out = {name: _table(labels[rising], squares[rising], lost, o.sigma_p) for name, labels in parts.items()}
     out["by_joint"] = _joints(scene, residual)
     return out
 

@@ -25,6 +25,14 @@ _NEVER_SEARCHED = {
 }
 
 
+def meaning(document: dict[str, Any]) -> str:
+    """The verdict in a few words."""
+    verdict, named = document["verdict"], {e["kind"] for e in document["effects"]}
+    if verdict == "explained" and named == {"outliers"}:
+        return "without what was left out as outliers the model explains the data to its noise"
+    return MEANING[verdict]
+
+
 def effect_words(entry: dict[str, Any]) -> str:
     """A named effect in a few words: kind, place, values."""
     return f"{entry['kind'].replace('_', ' ')} at {entry['where']} ({values_in_words(entry)})"
@@ -33,7 +41,7 @@ def effect_words(entry: dict[str, Any]) -> str:
 def show_diagnosis(console: Console, result: Diagnosed) -> None:
     """For people; everything is in `--json` and `--report`."""
     document = result.document
-    console.print(f"Verdict: {document['verdict']} - {MEANING[document['verdict']]}.")
+    console.print(f"Verdict: {document['verdict']} - {meaning(document)}.")
     console.print(f"Where the gap is: {document['where_in_words']['before']}.")
     if document["effects"]:
         table = Table(title="Named effects, strongest first")

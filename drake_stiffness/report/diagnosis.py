@@ -8,7 +8,7 @@ import numpy as np
 
 from drake_stiffness.diagnosis.locate import by_part
 from drake_stiffness.diagnosis.signatures import Scene
-from drake_stiffness.diagnosis.words import MEANING, effect_words, p_words, searched
+from drake_stiffness.diagnosis.words import effect_words, meaning, p_words, searched
 from drake_stiffness.intervals.interval import read_as
 from drake_stiffness.report import diagnosis_plots as plots
 from drake_stiffness.report import page as h
@@ -75,12 +75,12 @@ def answer(result: Diagnosed) -> str:
     """The verdict in plain sentences."""
     document = result.document
     gap, named = document["gap"], [e for e in document["effects"] if e["kind"] != "outliers"]
-    parts = [f"{document['verdict'].replace('_', ' ').capitalize()}: {MEANING[document['verdict']]}."]
+    parts = [f"{document['verdict'].replace('_', ' ').capitalize()}: {meaning(document)}."]
     if named:
         parts.append(f"Missing in the model: {'; '.join(effect_words(e) for e in named)}.")
     before, after = (h.length(gap[f"held_out_{when}_rms_mm"]) for when in ("before", "after"))
     noise = h.length(gap["noise_rms_mm"])
-    if named or result.diagnosis.outliers:
+    if named:
         parts.append(
             f"On experiments that took no part the gap goes from {before} to {after} rms; noise alone leaves {noise}."
         )

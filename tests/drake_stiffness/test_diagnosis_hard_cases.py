@@ -16,9 +16,13 @@ from drake_stiffness.diagnosis import suspects
 from drake_stiffness.diagnosis.detection import noncentrality
 from drake_stiffness.diagnosis.diagnosis import diagnose
 from drake_stiffness.diagnosis.document import diagnosis_document
+from drake_stiffness.diagnosis.locate import by_part
+from drake_stiffness.diagnosis.signatures import Scene
 from drake_stiffness.effects import Effect, Parameter, catalogue, harmonics
 from drake_stiffness.errors import InputError
 from drake_stiffness.hold_out import posture_groups
+from drake_stiffness.identification import identify
+from drake_stiffness.start import starting_model
 from drake_stiffness.task import read_task
 
 POSTURES = 12
@@ -141,6 +145,14 @@ def test_the_order_of_rows_says_nothing(folder, played, usual):
     assert named(document) == named(plain)
     for key in ("before_rms_mm", "after_rms_mm", "held_out_before_rms_mm", "held_out_after_rms_mm"):
         assert document["gap"][key] == pytest.approx(plain["gap"][key], rel=1e-4), key
+
+
+def test_steps_are_listed_in_their_order_although_the_first_posture_lacks_one(folder, played):
+    rows = [row for row in table(played, 1) if row[:2] != ["E01", "1"]]
+    task = read_task(write(folder / "lacking", rows))
+    solution = identify(starting_model(task.model, task.measurements), task.observations())
+    places = by_part(Scene(solution.model, task.observations()), solution.residual, 100)["by_step"]
+    assert [int(place.name) for place in places] == sorted(STEPS)
 
 
 def test_what_a_joint_that_never_moved_hides_is_untestable(folder):

@@ -18,6 +18,7 @@ from drake_stiffness.diagnosis.doubts import unrefuted
 from drake_stiffness.diagnosis.naming import try_all
 from drake_stiffness.diagnosis.search import Search, weighed
 from drake_stiffness.diagnosis.suspects import separate_untestable
+from drake_stiffness.diagnosis.words import meaning
 from drake_stiffness.effects import harmonics
 from drake_stiffness.identification import identify
 from drake_stiffness.observation import columns, measured, predicted
@@ -139,3 +140,5 @@ def test_a_step_that_alone_shows_an_effect_may_be_an_outlier_or_that_effect(tmp_
     assert ("joint_backlash", "joint_2") not in [(r["kind"], r["where"]) for r in document["rejected"]], (
         "what may be is not ruled out"
     )
+    assert document["verdict"] == "explained"
+    assert meaning(document).startswith("without what was left out as outliers")
