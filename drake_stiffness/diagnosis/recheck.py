@@ -15,9 +15,10 @@ import numpy as np
 
 from drake_stiffness.campaign import Measurements
 from drake_stiffness.diagnosis.bench import Named
+from drake_stiffness.diagnosis.classes import confounded_with
 from drake_stiffness.diagnosis.detection import Limit, detection_limits
 from drake_stiffness.diagnosis.evidence import Tested
-from drake_stiffness.diagnosis.naming import Round, confounded_with, refine, try_all
+from drake_stiffness.diagnosis.naming import Round, refine, try_all
 from drake_stiffness.diagnosis.prior import Changed, Settled, WithPrior, prior_root, settle, stored_columns, with_prior
 from drake_stiffness.diagnosis.search import MOST_EFFECTS, may_join, most_convincing
 from drake_stiffness.diagnosis.signatures import extended

@@ -12,14 +12,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from drake_stiffness.diagnosis.bench import LATER, Bench, Named, effects_of
+from drake_stiffness.diagnosis.classes import choices_among, confounded_with
 from drake_stiffness.diagnosis.evidence import Tested, basis_of, left_over
 from drake_stiffness.diagnosis.growth import Further, is_more_of, may_grow
 from drake_stiffness.diagnosis.naming import (
     Remaining,
     Round,
     best_variant,
-    choices_among,
-    confounded_with,
     is_sponge,
     refine,
     rests_of,

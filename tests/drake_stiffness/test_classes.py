@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from drake_stiffness.diagnosis import evidence
-from drake_stiffness.diagnosis.naming import choices_among, may_be
+from drake_stiffness.diagnosis.classes import choices_among, may_be
 from drake_stiffness.diagnosis.suspects import Suspect
 
 ROWS, TRIALS = 60, 2000
