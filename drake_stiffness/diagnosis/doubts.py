@@ -24,7 +24,7 @@ from drake_stiffness.effects.harmonics import JointPeriodicError
 from drake_stiffness.errors import UntrustworthyError
 from drake_stiffness.observation import Observations
 
-# A form is wrong when its own place still explains this share of what it explained, and more than five sigma.
+# A form is wrong when its own place still explains this share of what it explained, and more than five sigma (at each of two places).
 _WRONG_FORM, _LEAST_REST = 0.35, 25.0
 # A form that the catalogue lacks does clearly better from this much of chi-square on; it is a hint below this probability.
 _CLEARLY, _HINT = 9.0, 1e-6
@@ -89,8 +89,8 @@ def pull_like(effect: Effect) -> str:
 
 
 def _against(forms: Sequence[Stranger], named: Sequence[Named]) -> list[Stranger]:
-    """Forms that may speak against names: what goes with angles as weight does, only against errors of the angles themselves."""
-    of_angles = all(isinstance(n.effect, JointPeriodicError) for n in named)
+    """Forms that may speak against names: what goes with angles as weight does, only where nothing but errors of angles may be meant."""
+    of_angles = all(isinstance(t.effect, JointPeriodicError) for n in named for t in (n.tested, *n.confounded))
     return [f for f in forms if of_angles or not f.like_weight]
 
 
@@ -197,7 +197,7 @@ def wrong_forms(named: Sequence[Named], process: Process) -> dict[str, str]:
             continue  # what other harmonics, or another law of the same spring, leave does not speak against this one
         places = [p for p in dict.fromkeys(f.where for f in process.families) if p in n.effect.where.split("+")]
         rest = sum(process.at(p, driven_by) for p in places)
-        if rest > max(_WRONG_FORM * n.tested.explained, _LEAST_REST * max(process.floor, 1.0)):
+        if rest > max(_WRONG_FORM * n.tested.explained, _LEAST_REST * len(places) * max(process.floor, 1.0)):
             out[n.tested.suspect.name] = (
                 f"its form does not fit: with it in the model, smooth functions of the {' and '.join(sorted(driven_by))} of "
                 f"{', '.join(places)} still explain {100 * rest / n.tested.explained:.0f} % of what it explains"
