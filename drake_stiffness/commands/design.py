@@ -135,7 +135,7 @@ def _papers(text: str, name: str, cell: Path, program: str) -> ShopPapers:
 
 
 def loaded_path(
-    program: Path, process: Path, model: Model, dialect: str | None, beside: Sequence[Path]
+    program: Path, process: Path, model: Model, dialect: str | None = None, beside: Sequence[Path] = ()
 ) -> tuple[Array, Array]:
     """Postures (n, T) along a program and wrenches (6, T) at the tool centre point."""
     from toolpaths import loaded_path as along
