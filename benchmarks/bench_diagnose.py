@@ -39,11 +39,11 @@ STAGES = {
 PARTS = {
     "springs alone": ("joint_compliance", "link_compliance", "base_compliance"),
     "no searched constants": (
-        *("joint_compliance", "link_compliance", "base_compliance", "joint_backlash", "joint_hardening", "joint_coupling"),
+        *("joint_compliance", "link_compliance", "base_compliance", "joint_backlash", "joint_coupling"),
         *("joint_zero_offset", "link_geometry", "payload", "force_sensor_bias", "force_sensor_misalignment", "scale"),
         *("tracker_drift", "tracker_frame", "reflector_offset"),
     ),
-    "and hysteresis, compensator": (
+    "and hysteresis, hardening, compensator": (
         *("joint_compliance", "link_compliance", "base_compliance", "joint_backlash", "joint_hardening", "joint_coupling"),
         *("joint_zero_offset", "link_geometry", "payload", "force_sensor_bias", "force_sensor_misalignment", "scale"),
         *("tracker_drift", "tracker_frame", "reflector_offset", "joint_hysteresis", "gravity_compensator"),
