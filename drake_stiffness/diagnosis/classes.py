@@ -52,9 +52,10 @@ def choices_among(bases: Sequence[Array], r: Array) -> int:
         What the model leaves.
     """
     explained = [float(((Q.T @ r) ** 2).sum()) for Q in bases]
+    enough = _COULD_HAVE * max(explained, default=0.0)
     kept: list[Array] = []
     for Q, own in zip(bases, explained, strict=True):
-        if own < _COULD_HAVE * max(explained) or not Q.shape[1]:
+        if own < enough or not Q.shape[1]:
             continue
         if not any(np.sum((P.T @ Q) ** 2) > SAME_ABOVE**2 * Q.shape[1] for P in kept):
             kept.append(Q)
