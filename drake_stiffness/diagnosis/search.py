@@ -227,7 +227,7 @@ def _evidence_of_each(bench: Bench, named: list[Named], leads: bool = True) -> l
         own = next((t for t in able if t.suspect.name == n.tested.suspect.name), n.tested)
         able = [_refined(left, t, own) for t in able]
         same = confounded_with(own, able, per_dof, _choices(bench, left, own))
-        leader = _leader(bench, n, own, same, around, per_dof) if leads else None
+        leader = _leader(bench, own, same, around, per_dof) if leads else None
         if leader is not None and not any(_refines(m.effect, n.effect) for m in others):
             joined = bench.join(others, leader, around)
             if not isinstance(joined, str):
@@ -237,9 +237,7 @@ def _evidence_of_each(bench: Bench, named: list[Named], leads: bool = True) -> l
     return _evidence_of_each(bench, out, leads=False) if changed else sorted(out, key=lambda n: -n.tested.gain)
 
 
-def _leader(
-    bench: Bench, n: Named, own: Tested, same: Sequence[Tested], around: Round, per_dof: float
-) -> Tested | None:
+def _leader(bench: Bench, own: Tested, same: Sequence[Tested], around: Round, per_dof: float) -> Tested | None:
     """One of a class that does clearly better than the one that joined first, on unseen experiments and with its freedom paid for."""
     able = [t for t in same if t.p_value < around.level]
     best = max(able, key=lambda t: t.gain, default=own)

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from drake_stiffness.arm import Arm
 
 Form = Literal["quadratic", "cubic", "contact", "two_slopes"]
-_POWERS: dict[str, float] = {"quadratic": 2.0, "cubic": 3.0, "contact": 2.0 / 3.0}
+_POWERS: dict[Form, float] = {"quadratic": 2.0, "cubic": 3.0, "contact": 2.0 / 3.0}
 # Torques (N m, or N) at which a search lets the slope change.
 KNEES = tuple(10.0 * 1.5**k for k in range(15))
 # Below this torque an indentation is linear: bodies in contact are pressed together before they are loaded.
@@ -73,7 +73,7 @@ class JointHardening(JointEffect):
     def candidates(cls, arm: Arm, points: Mapping[str, object]) -> Iterator[Effect]:
         for name, prismatic in zip(arm.joint_names, arm.prismatic, strict=True):
             for form in _POWERS:
-                yield cls(name, bool(prismatic), form)  # type: ignore[arg-type]
+                yield cls(name, bool(prismatic), form)
             for knee in KNEES:
                 yield cls(name, bool(prismatic), "two_slopes", knee)
 
