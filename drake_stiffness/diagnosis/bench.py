@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Collection, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Self
 
 import numpy as np
 
@@ -104,6 +105,10 @@ class Bench:
             self.progress(f"trying {sum(len(s.variants) for s in able)} variants of {len(able)} suspects")
             self._rounds[key] = try_all(self.left(effects), able, self.seed)
         return self._rounds[key]
+
+    def without(self, names: Collection[str]) -> Self:
+        """The same, its fits too, with these suspects out of question."""
+        return replace(self, found=[s for s in self.found if s.name not in names])
 
     def cost(self, t: Tested) -> float:
         """Of an effect's freedom, the choice of its constants included, in chi-square."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -15,30 +15,52 @@ SAME_ABOVE = 0.95
 _EXCLUDED, _EXCLUDED_AT = 0.01, 2.33
 # A variant that explains this share of what the best one does could have been chosen by another draw of the noise.
 _COULD_HAVE = 0.5
+# But who is fifty times less likely than another of the class is not kept in it (twice the log).
+_FAR_AHEAD = 7.8
 # Who explains less than this share of what the chosen one does, its bounds respected, is not of its class, whatever its columns span.
 _SOMETHING = 0.1
 
 
-def confounded_with(chosen: Tested, others: list[Tested], per_dof: float, choices: int = 1) -> list[Tested]:
+def confounded_with(
+    chosen: Tested, others: Sequence[Tested], r: Array, per_dof: float, searched: Mapping[str, Sequence[Array]]
+) -> list[Tested]:
     """Suspects that this campaign cannot tell from the chosen one.
 
     Those whose left-over columns carry the chosen signature with a correlation above `SAME_ABOVE`, and those that may be the truth
-    all the same (`may_be`).
+    all the same (`may_be`), none of the class far ahead of them (`beyond_noise`).
 
     Parameters
     ----------
-    choices : int, optional
-        Those that the constants of the chosen one were searched among, see `choices_among`.
+    r : (rows,)
+        What the model leaves.
+    per_dof : float
+        Its squares per degree of freedom.
+    searched : dict of name to bases
+        What the constants of a suspect were searched among, where that is more than the `bases` of its test.
     """
-    same = []
     size = max(float(np.linalg.norm(chosen.fit)), 1e-300)
+    choices = _choices(chosen, r, searched)
+    like, able = [], []
     for other in others:
         if other.suspect.name == chosen.suspect.name or other.explained < _SOMETHING * chosen.explained:
             continue
-        correlation = max(float(np.linalg.norm(Q.T @ chosen.fit)) / size for Q in other.bases)
-        if correlation > SAME_ABOVE or may_be(other, chosen, per_dof, choices):
-            same.append(other)
-    return same
+        if max(float(np.linalg.norm(Q.T @ chosen.fit)) / size for Q in other.bases) > SAME_ABOVE:
+            like.append(other)
+        elif may_be(other, chosen, per_dof, choices):
+            able.append(other)
+    worth = {t.suspect.name: beyond_noise(t, per_dof, _choices(t, r, searched)) for t in (chosen, *like, *able)}
+    least = max(worth.values()) - _FAR_AHEAD
+    kept = {t.suspect.name for t in (*like, *(t for t in able if worth[t.suspect.name] > least))}
+    return [t for t in others if t.suspect.name in kept]
+
+
+def _choices(t: Tested, r: Array, searched: Mapping[str, Sequence[Array]]) -> int:
+    return choices_among(searched.get(t.suspect.name, t.bases), r)
+
+
+def beyond_noise(t: Tested, per_dof: float, choices: int) -> float:
+    """Squared sigma that a suspect explains less what noise alone would: one for a value, 2 log n for the best of n constants."""
+    return t.explained / per_dof - t.basis.shape[1] - 2 * float(np.log(choices))
 
 
 def choices_among(bases: Sequence[Array], r: Array) -> int:

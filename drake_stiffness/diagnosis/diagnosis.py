@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -10,23 +10,13 @@ import numpy as np
 from drake_stiffness.campaign import HoldOut, Measurements
 from drake_stiffness.diagnosis.bench import Bench, Named
 from drake_stiffness.diagnosis.confirmation import HeldOut, held_out, placebo_share, still_explainable
-from drake_stiffness.diagnosis.doubts import (
-    NO_CHANCE,
-    doubtful_names,
-    effects_behind,
-    hint,
-    own_rest,
-    stand_ins,
-    standing,
-    sticks_out,
-    unrefuted,
-    wrong_forms,
-)
+from drake_stiffness.diagnosis.doubts import effects_behind, hint, sticks_out
 from drake_stiffness.diagnosis.generic import fit_process
 from drake_stiffness.diagnosis.locate import Place, by_part, floor_in_words, in_words
 from drake_stiffness.diagnosis.naming import Remaining, remaining
 from drake_stiffness.diagnosis.outliers import MOST, Outlier, find_outlier, without
 from drake_stiffness.diagnosis.prior import WithPrior
+from drake_stiffness.diagnosis.proof import of_fitting_form, process_of, proven
 from drake_stiffness.diagnosis.rigidity import NoiseShown, noise_of_remainder, noise_shown
 from drake_stiffness.diagnosis.search import Search, search, weighed
 from drake_stiffness.diagnosis.signatures import Scene
@@ -197,17 +187,9 @@ def _confirm(
     o, o_held = data.arrange(data.fitted), data.arrange(data.held)
     ratio = noise.ratio if noise.implausible else 1.0
     left_base = found.bench.left(())
-    process_before, process_after = (
-        fit_process(left_base, base.identifiability.seen),
-        fit_process(found.left, found.solution.identifiability.seen),
-    )
-    passed = found.named
-    doubted, as_good = stand_ins(found, left_base)
-    found, withdrawn = standing(found, doubted)
-    if withdrawn:
-        process_after = fit_process(found.left, found.solution.identifiability.seen)
-    found, more = standing(found, wrong_forms(own_rest(found), process_after))
-    withdrawn |= more
+    process_before = fit_process(left_base, base.identifiability.seen)
+    stands = of_fitting_form(found)
+    found, process_after = stands.search, process_of(stands.search)
     # Where nothing shows the noise, what no smooth function gets below is the most that a gap can close to.
     yard = ratio if noise.dof > 0 else max(1.0, float(np.sqrt(process_after.floor)))
     sticking: dict[str, str] = {}
@@ -225,13 +207,8 @@ def _confirm(
         data = replace(data, held=without(data.held, worst.name))
         o_held = data.arrange(data.held)
     before, r_before = held_out(base, o_held, ratio)
-    doubtful = doubtful_names(found, before, held_out(found.solution, o_held, yard)[0], yard)
-    found, more = standing(found, doubtful)
-    withdrawn |= more
-    found, by_chance = unrefuted(found, o_held, yard)
-    withdrawn |= by_chance
-    if withdrawn:
-        process_after = fit_process(found.left, found.solution.identifiability.seen)
+    stands = proven(stands, before, o_held, yard)
+    found, withdrawn, process_after = stands.search, dict(stands.withdrawn), process_of(stands.search)
     after, r_after = held_out(found.solution, o_held, ratio)
     explainable = (
         still_explainable(process_before, o_held, r_before),
@@ -253,7 +230,8 @@ def _confirm(
     beyond = hint(found.left)
     verdict = judge(found, outliers, before, after, ratio, yard)
     if verdict in ("consistent", "explained"):
-        verdict = with_doubts(verdict, found, _lost(passed, withdrawn, by_chance), beyond.sure, bool(sticking))
+        lost = max((n.tested.explained for n in stands.lost), default=0.0)
+        verdict = with_doubts(verdict, found, lost, beyond.sure, bool(sticking))
     if verdict in ("partly_explained", "unexplained") and beyond.words:
         words = (words[0], f"{words[1]}; {beyond.words}")
     if verdict == "unexplained":
@@ -274,7 +252,7 @@ def _confirm(
         places,
         words,
         withdrawn,
-        as_good,
+        stands.as_good,
         o,
         o_held,
     )
@@ -288,13 +266,6 @@ def _of_all(data: _Data, found: Search, outliers: tuple[Outlier, ...]) -> Remain
     o = data.arrange(m)
     model = found.solution.model
     return remaining(Scene(model, o), measured(o) - predicted(o, model), found.solution.identifiability.seen)
-
-
-def _lost(passed: Sequence[Named], withdrawn: Collection[str], by_chance: Collection[str]) -> float:
-    """What the strongest withdrawn name had explained; where held-out readings refuted it, only if chance does not explain it."""
-    gone = [n for n in passed if n.tested.suspect.name in withdrawn]
-    gone = [n for n in gone if n.tested.suspect.name not in by_chance or n.tested.p_value < NO_CHANCE * n.level]
-    return max((n.tested.explained for n in gone), default=0.0)
 
 
 def gap_mm(residual: Array, o: Observations) -> float:

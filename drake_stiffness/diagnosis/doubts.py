@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -33,6 +33,8 @@ _NOT_NOISE, _MOSTLY = 1e-3, 0.75
 # Held-out readings that are less probable by this much (twice the log) with a name than without refute it. It is then taken for chance
 # unless its p-value was below this share of what it had to be below.
 _AGAINST, NO_CHANCE = 6.0, 1e-3
+# What came in place of a refuted name must make them ten times as probable (twice the log).
+_SPEAKS_FOR = 4.6
 _SURE = 0.0005  # of the 1 % that all of diagnosis may err by
 
 
@@ -244,26 +246,42 @@ def doubtful_names(found: Search, before: HeldOut, after: HeldOut, noise_ratio: 
     }
 
 
-def unrefuted(found: Search, o_held: Observations, noise_ratio: float) -> tuple[Search, dict[str, str]]:
+def unrefuted(
+    found: Search, o_held: Observations, noise_ratio: float, proven: Collection[str] | None = None
+) -> tuple[Search, dict[str, str]]:
     """The search less names that readings which took no part speak against, the worst first.
 
     Of hundreds of suspects one may look good by chance, or stand for what only these postures show: then it makes unseen
     postures worse.
+
+    Parameters
+    ----------
+    proven : names, optional
+        All others came in place of a name that was refuted: unseen postures must speak for them.
     """
     gone: dict[str, str] = {}
     while found.named:
         own = held_out(found.solution, o_held, noise_ratio)[0].surprise
-        against = {}
+        falls = {}
         for n in found.named:
             try:
                 others = found.bench.fit([m.effect for m in found.named if m is not n])
             except UntrustworthyError:
                 continue
-            against[n.tested.suspect.name] = own - held_out(others, o_held, noise_ratio)[0].surprise
-        worst = max(against, key=against.__getitem__, default=None)
-        if worst is None or against[worst] <= _AGAINST:
+            falls[n.tested.suspect.name] = own - held_out(others, o_held, noise_ratio)[0].surprise
+        beyond = {
+            name: fall - (_AGAINST if proven is None or name in proven else -_SPEAKS_FOR)
+            for name, fall in falls.items()
+        }
+        worst = max(beyond, key=beyond.__getitem__, default=None)
+        if worst is None or beyond[worst] <= 0:
             break
-        why = f"readings that took no part are predicted worse with it (twice the log of their density falls by {against[worst]:.1f})"
+        fall = falls[worst]
+        why = (
+            f"readings that took no part are predicted worse with it (twice the log of their density falls by {fall:.1f})"
+            if fall > 0
+            else f"in place of a refuted name it would have to make readings that took no part clearly more probable (twice the log of their density rises by {-fall:.1f})"
+        )
         found, more = standing(found, {worst: why})
         gone |= more
     return found, gone

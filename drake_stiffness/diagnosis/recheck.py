@@ -247,7 +247,7 @@ def _by_p_value(around: Round) -> Round:
 
 def _change(left: WithPrior, chosen: Tested, around: Round, places: int) -> Change:
     able = [*around.passed, *around.failed]
-    same = tuple(confounded_with(chosen, able, left.per_dof))
+    same = tuple(confounded_with(chosen, able, left.r, left.per_dof, {}))
     if isinstance(chosen.effect, Changed):
         return Change(Named(chosen.effect.effect, chosen, same, around.level), chosen.effect.number, False)
     return Change(Named(refine(left, chosen), chosen, same, around.level), places, True)

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from drake_stiffness.diagnosis.bench import LATER, Bench, Named, effects_of
-from drake_stiffness.diagnosis.classes import choices_among, confounded_with
+from drake_stiffness.diagnosis.classes import confounded_with
 from drake_stiffness.diagnosis.evidence import Tested, basis_of, left_over
 from drake_stiffness.diagnosis.growth import Further, is_more_of, may_grow
 from drake_stiffness.diagnosis.naming import (
@@ -28,6 +28,7 @@ from drake_stiffness.diagnosis.signatures import signature
 from drake_stiffness.diagnosis.suspects import Suspect
 from drake_stiffness.effects import Effect
 from drake_stiffness.identification import Solution
+from drake_stiffness.rotations import Array
 
 # More effects than this at once were never told apart; what is left then is said to be unexplained.
 MOST_EFFECTS = 5
@@ -225,8 +226,8 @@ def _evidence_of_each(bench: Bench, named: list[Named], leads: bool = True) -> l
         around = try_all(left, found, bench.seed)
         able = [*around.passed, *around.failed]
         own = next((t for t in able if t.suspect.name == n.tested.suspect.name), n.tested)
-        able = [_refined(left, t, own) for t in able]
-        same = confounded_with(own, able, per_dof, _choices(bench, left, own))
+        searched = {t.suspect.name: t.bases for t in able} | {own.suspect.name: _searched(bench, left, own)}
+        same = confounded_with(own, [_refined(left, t, own) for t in able], left.r, per_dof, searched)
         leader = _leader(bench, own, same, around, per_dof) if leads else None
         if leader is not None and not any(_refines(m.effect, n.effect) for m in others):
             joined = bench.join(others, leader, around)
@@ -249,10 +250,10 @@ def _refines(effect: Effect, other: Effect) -> bool:
     return (effect.refines, effect.where) == (other.kind, other.where)
 
 
-def _choices(bench: Bench, left: Remaining, own: Tested) -> int:
-    """Those that a named effect's constants were searched among."""
+def _searched(bench: Bench, left: Remaining, own: Tested) -> list[Array]:
+    """What a named effect's constants were searched among."""
     whole = next((s for s in bench.found if s.name == own.suspect.name), own.suspect)
-    return choices_among([basis_of(S) for S in rests_of(left, whole, {})], left.r) if len(whole.variants) > 1 else 1
+    return [basis_of(S) for S in rests_of(left, whole, {})]
 
 
 def _refined(left: Remaining, t: Tested, own: Tested) -> Tested:

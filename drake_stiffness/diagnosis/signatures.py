@@ -25,6 +25,8 @@ from drake_stiffness.simulation import read
 
 # A further deflection (rad or m) whose effect is linear, and far above rounding.
 _TURNED = 1e-4
+# A column that a million units of its scale would leave below one sigma is not seen.
+_UNSEEN = 1e-6
 
 
 class _Turned(Effect):
@@ -108,7 +110,7 @@ class Scene:
 
 
 def signature(scene: Scene, effect: Effect) -> Array:
-    """Whitened columns `(rows, p)` of an effect that the model lacks, per unit of its parameters' scales."""
+    """Whitened columns `(rows, p)` of an effect that the model lacks, per unit of its parameters' scales; zeros where it is not seen."""
     scales = np.array([parameter.scale for parameter in effect.parameters])
     if isinstance(effect, Spring):
         change = scene.spring_columns.of(effect) * scales
@@ -117,7 +119,10 @@ def signature(scene: Scene, effect: Effect) -> Array:
         change = np.stack([scene.deflected(_deflection(scene, effect, x)) for x in units], axis=2)
     else:
         change = _differences(scene, effect, scales)
-    return whitened(scene.o, change)
+    columns = whitened(scene.o, change)
+    # References cancel what is the same in a whole experiment - a preload - but for rounding, which is no regressor.
+    columns[:, np.linalg.norm(columns, axis=0) < _UNSEEN] = 0.0
+    return columns
 
 
 def _deflection(scene: Scene, effect: Effect, x: Array) -> dict[int, Array]:

@@ -1,10 +1,12 @@
 """What a class of suspects holds: the truth, however the noise falls, and little else."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from drake_stiffness.diagnosis import evidence
-from drake_stiffness.diagnosis.classes import choices_among, may_be
+from drake_stiffness.diagnosis.classes import beyond_noise, choices_among, confounded_with, may_be
 from drake_stiffness.diagnosis.suspects import Suspect
 
 ROWS, TRIALS = 60, 2000
@@ -76,3 +78,77 @@ def test_who_is_far_behind_is_not_in_the_class():
     data = 15.0 * truth + rng.normal(size=(500, ROWS))
     kept = np.mean([may_be(trial(other, r), trial(truth[:, None], r), 1.0) for r in data])
     assert kept < 0.01
+
+
+def named(name, S, r):
+    return replace(trial(S, r), suspect=Suspect(name, "where", ()))
+
+
+def class_of(chosen, others, r, **searched):
+    return [
+        t.suspect.kind
+        for t in confounded_with(
+            chosen, others, r, 1.0, {f"{name} at where": bases for name, bases in searched.items()}
+        )
+    ]
+
+
+@pytest.mark.parametrize(("values", "choices"), [(1, 1), (6, 1), (2, 40)])
+def test_noise_alone_explains_nothing_beyond_itself(values, choices):
+    rng = np.random.default_rng(8)
+    own = []
+    for _ in range(TRIALS):
+        r, Q = rng.normal(size=ROWS), np.linalg.qr(rng.normal(size=(ROWS, values * min(choices, 20))))[0]
+        variants = [Q[:, values * k : values * (k + 1)] for k in range(Q.shape[1] // values)]
+        best = trial(max(variants, key=lambda P: float(((P.T @ r) ** 2).sum())), r)
+        own.append(beyond_noise(best, 1.0, len(variants)))
+    assert -0.15 * (1 if choices == 1 else 7) < np.mean(own) < 0.15, (
+        "two log n is a little more than the best of n gains"
+    )
+
+
+def test_what_another_of_the_class_leads_by_far_is_not_in_it():
+    """Three suspects: the chosen one is simple, the best explains far more, the third just less than the chosen one."""
+    rng = np.random.default_rng(9)
+    truth = np.eye(ROWS)[0]
+    chosen, third = like(rng, truth, 0.85)[:, None], like(rng, truth, 0.7)[:, None]
+    data = 7.0 * truth + rng.normal(size=(500, ROWS))
+    kept = {"true": 0, "third": 0}
+    alone = 0
+    for r in data:
+        one, other, best = named("chosen", chosen, r), named("third", third, r), named("true", truth[:, None], r)
+        alone += class_of(one, [other], r) == ["third"]
+        for name in class_of(one, [other, best], r):
+            kept[name] += 1
+    assert kept["true"] > 0.99 * len(data)
+    assert kept["third"] < 0.25 * alone
+
+
+@pytest.mark.parametrize("sigma", [5.0, 8.0, 15.0])
+@pytest.mark.parametrize("freedom", [1, 5, 8])
+def test_a_true_effect_of_many_values_stays_beside_a_simpler_one(sigma, freedom):
+    """The truth points anywhere in its span; one column that correlates 0.9 with it was chosen."""
+    rng = np.random.default_rng(10)
+    left_out = n = 0
+    for _ in range(1500):
+        span = np.linalg.qr(rng.normal(size=(ROWS, freedom)))[0]
+        truth = span @ rng.normal(size=freedom)
+        truth /= np.linalg.norm(truth)
+        simple = like(rng, truth, 0.9)
+        r = sigma * truth + rng.normal(size=ROWS)
+        left_out += class_of(named("simple", simple[:, None], r), [named("true", span, r)], r) == []
+        n += 1
+    assert left_out < 0.03 * n, f"left out {100 * left_out / n:.1f} %"
+
+
+def test_a_lucky_constant_is_paid_for_in_the_class():
+    rng = np.random.default_rng(11)
+    truth = np.eye(ROWS)[0]
+    choice = [evidence.basis_of(rng.normal(size=(ROWS, 2))) for _ in range(60)]
+    with_choice = without = 0
+    for r in 4.0 * truth + rng.normal(size=(500, ROWS)):
+        true = named("true", truth[:, None], r)
+        lucky = named("lucky", max(choice, key=lambda Q: float(((Q.T @ r) ** 2).sum())), r)
+        without += class_of(true, [lucky], r) == ["lucky"]
+        with_choice += class_of(true, [lucky], r, lucky=choice) == ["lucky"]
+    assert with_choice < 0.8 * without
