@@ -89,12 +89,11 @@ def proven(first: Stands, before: HeldOut, o_held: Observations, noise_ratio: fl
 def _borne_out(
     s: Stands, before: HeldOut, o_held: Observations, noise_ratio: float, kept: set[str] | None = None
 ) -> tuple[Stands, dict[str, str]]:
-    """The same less names that held-out readings doubt or refute; and the refuted ones, with the reason."""
-    found, passed = s.search, s.search.named
+    """The same less names that held-out readings refute or doubt; and the refuted ones, with the reason."""
+    found, refuted = unrefuted(s.search, o_held, noise_ratio, kept)
     after = held_out(found.solution, o_held, noise_ratio)[0]
     found, doubtful = standing(found, doubtful_names(found, before, after, noise_ratio))
-    found, refuted = unrefuted(found, o_held, noise_ratio, kept)
-    lost = (*s.lost, *_among(passed, doubtful))
+    lost = (*s.lost, *_among(s.search.named, doubtful))
     return Stands(found, s.withdrawn | doubtful | refuted, s.as_good, lost), refuted
 
 

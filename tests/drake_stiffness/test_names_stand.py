@@ -16,6 +16,7 @@ from drake_stiffness.diagnosis.diagnosis import diagnose
 from drake_stiffness.diagnosis.document import diagnosis_document
 from drake_stiffness.diagnosis.doubts import unrefuted
 from drake_stiffness.diagnosis.naming import try_all
+from drake_stiffness.diagnosis.proof import Stands, proven
 from drake_stiffness.diagnosis.search import Search, weighed
 from drake_stiffness.diagnosis.suspects import separate_untestable
 from drake_stiffness.diagnosis.words import meaning
@@ -142,3 +143,59 @@ def test_a_step_that_alone_shows_an_effect_may_be_an_outlier_or_that_effect(tmp_
     )
     assert document["verdict"] == "explained"
     assert meaning(document).startswith("without what was left out as outliers")
+
+
+def on_trial(task, unseen, *names, withdrawn=()):
+    """What `proven` makes of a search that named these, and what the held-out readings say of each name alone."""
+    found = named_so(task, ~unseen, *names)
+    o = task.observations(unseen)
+    before = held_out(found.bench.base, o)[0]
+    return proven(Stands(found, dict.fromkeys(withdrawn, "no form fits"), {}, ()), before, o, 1.0)
+
+
+def speaks_against(task, unseen):
+    """The suspect with which the unseen readings are least probable, of those that the fitted ones lend anything to."""
+    o, whole = task.observations(unseen), named_so(task, ~unseen)
+    base = held_out(whole.bench.base, o)[0].surprise
+    falls = {}
+    for t in (*whole.first.passed, *whole.first.failed):
+        if t.suspect.name != PLAY and t.explained > 9:
+            falls[t.suspect.name] = held_out(whole.bench.fit([t.effect]), o)[0].surprise - base
+    worst = max(falls, key=falls.__getitem__)
+    assert falls[worst] > 6, "nothing here is refuted: another plan of experiments is needed"
+    return worst
+
+
+def test_a_refuted_name_makes_room_for_the_one_that_unseen_readings_bear_out(tmp_path, played):
+    task = read_task(write(tmp_path, table(played, 1)))
+    unseen = np.isin(task.measurements.experiments, HELD)
+    wrong = speaks_against(task, unseen)
+    stands = on_trial(task, unseen, wrong)
+    assert [n.tested.suspect.name for n in stands.search.named] == [PLAY]
+    assert "readings that took no part" in stands.withdrawn[wrong]
+    assert not any(wrong == t.suspect.name for n in stands.search.named for t in n.confounded), "it is out of question"
+    assert stands.lost == (), "the play explains what it did"
+
+
+def test_where_a_form_that_the_catalogue_lacks_did_better_no_other_name_is_sought(tmp_path, played):
+    task = read_task(write(tmp_path, table(played, 1)))
+    unseen = np.isin(task.measurements.experiments, HELD)
+    stands = on_trial(task, unseen, speaks_against(task, unseen), withdrawn=["joint_coupling at joint_1+joint_2"])
+    assert stands.search.named == ()
+
+
+def test_what_comes_in_place_of_a_refuted_name_must_be_borne_out(tmp_path, plan, played):
+    """The held-out experiments lack the play: they do not speak against it so much, but never for it."""
+    held = np.isin([f"E{e + 1:02d}" for e in plan.course.experiment], HELD)
+    lacking = replace(played, exact=np.where(held[:, None, None], run(plan).exact, played.exact))
+    task = read_task(write(tmp_path, table(lacking, 1)))
+    unseen = np.isin(task.measurements.experiments, HELD)
+    stands = on_trial(task, unseen, PLAY)
+    assert stands.search.named == ()
+    assert PLAY in [n.tested.suspect.name for n in stands.lost]
+    found, o = named_so(task, ~unseen, PLAY), task.observations(unseen)
+    others = {n.tested.suspect.name for n in found.named}
+    assert unrefuted(found, o, 1.0, others)[1].keys() == unrefuted(found, o, 1.0)[1].keys()
+    some = named_so(read_task(write(tmp_path / "all", table(played, 1))), ~unseen, "tracker_drift at tracker")
+    assert unrefuted(some, o, 1.0)[1] == {}
+    assert "clearly more probable" in unrefuted(some, o, 1.0, ())[1]["tracker_drift at tracker"]
