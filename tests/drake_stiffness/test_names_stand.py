@@ -153,14 +153,16 @@ def on_trial(task, unseen, *names, withdrawn=()):
     return proven(Stands(found, dict.fromkeys(withdrawn, "no form fits"), {}, ()), before, o, 1.0)
 
 
-def speaks_against(task, unseen):
-    """The suspect with which the unseen readings are least probable, of those that the fitted ones lend anything to."""
+def falls_of(task, unseen):
+    """By how much the unseen readings are less probable with each suspect (twice the log), of those that the fitted ones lend anything to."""
     o, whole = task.observations(unseen), named_so(task, ~unseen)
     base = held_out(whole.bench.base, o)[0].surprise
-    falls = {}
-    for t in (*whole.first.passed, *whole.first.failed):
-        if t.suspect.name != PLAY and t.explained > 9:
-            falls[t.suspect.name] = held_out(whole.bench.fit([t.effect]), o)[0].surprise - base
+    able = [t for t in (*whole.first.passed, *whole.first.failed) if t.suspect.name != PLAY and t.explained > 4]
+    return {t.suspect.name: held_out(whole.bench.fit([t.effect]), o)[0].surprise - base for t in able}
+
+
+def speaks_against(task, unseen):
+    falls = falls_of(task, unseen)
     worst = max(falls, key=falls.__getitem__)
     assert falls[worst] > 6, "nothing here is refuted: another plan of experiments is needed"
     return worst
@@ -193,9 +195,16 @@ def test_what_comes_in_place_of_a_refuted_name_must_be_borne_out(tmp_path, plan,
     stands = on_trial(task, unseen, PLAY)
     assert stands.search.named == ()
     assert PLAY in [n.tested.suspect.name for n in stands.lost]
-    found, o = named_so(task, ~unseen, PLAY), task.observations(unseen)
-    others = {n.tested.suspect.name for n in found.named}
-    assert unrefuted(found, o, 1.0, others)[1].keys() == unrefuted(found, o, 1.0)[1].keys()
-    some = named_so(read_task(write(tmp_path / "all", table(played, 1))), ~unseen, "tracker_drift at tracker")
-    assert unrefuted(some, o, 1.0)[1] == {}
-    assert "clearly more probable" in unrefuted(some, o, 1.0, ())[1]["tracker_drift at tracker"]
+
+
+def test_a_first_name_may_be_of_no_account_to_unseen_readings_a_second_choice_may_not(tmp_path, played):
+    task = read_task(write(tmp_path, table(played, 1)))
+    unseen = np.isin(task.measurements.experiments, HELD)
+    falls, o = falls_of(task, unseen), task.observations(unseen)
+    vague = min(falls, key=lambda name: abs(falls[name]))
+    assert abs(falls[vague]) < 4
+    found = named_so(task, ~unseen, vague)
+    assert unrefuted(found, o, 1.0)[1] == {}
+    assert unrefuted(found, o, 1.0, {vague})[1] == {}
+    assert "clearly more probable" in unrefuted(found, o, 1.0, set())[1][vague] or falls[vague] > 0
+    assert unrefuted(found, o, 1.0, set())[0].named == ()
