@@ -6,4 +6,4 @@ cheap and `predict` and `compensate` run where Drake has no wheels.
 
 from __future__ import annotations
 
-__version__ = "0.5.0"
+__version__ = "0.6.0"
