@@ -113,7 +113,7 @@ class Bench:
     def cost(self, t: Tested) -> float:
         """Of an effect's freedom, the choice of its constants included, in chi-square."""
         variants = next((len(s.variants) for s in self.found if s.name == t.suspect.name), 1)
-        return -score(0.0, t.coefficient.size, variants, 1.0)
+        return -score(0.0, t.basis.shape[1], variants, 1.0)
 
     def join(self, named: Sequence[Named], t: Tested, around: Round) -> Named | str:
         """One more effect beside the named ones, constants refined; or why the model with it cannot be fitted."""

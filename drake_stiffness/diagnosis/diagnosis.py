@@ -16,7 +16,7 @@ from drake_stiffness.diagnosis.locate import Place, by_part, floor_in_words, in_
 from drake_stiffness.diagnosis.naming import Remaining, remaining
 from drake_stiffness.diagnosis.outliers import MOST, Outlier, find_outlier, without
 from drake_stiffness.diagnosis.prior import WithPrior
-from drake_stiffness.diagnosis.proof import of_fitting_form, process_of, proven
+from drake_stiffness.diagnosis.refutation import Stands, borne_out, of_fitting_form
 from drake_stiffness.diagnosis.rigidity import NoiseShown, noise_of_remainder, noise_shown
 from drake_stiffness.diagnosis.search import Search, search, weighed
 from drake_stiffness.diagnosis.signatures import Scene
@@ -58,6 +58,8 @@ class Diagnosis:
     words : tuple of str
         Where the gap is, before and after.
     withdrawn : dict of name to reason
+    refuted : frozenset of str
+        Those of them that held-out readings alone speak against.
     as_good : dict of name to a form that the catalogue lacks and that does about as well
     """
 
@@ -73,6 +75,7 @@ class Diagnosis:
     where: dict[str, list[Place]]
     words: tuple[str, str]
     withdrawn: dict[str, str]
+    refuted: frozenset[str]
     as_good: dict[str, str]
     observations: Observations
     held: Observations
@@ -189,26 +192,15 @@ def _confirm(
     left_base = found.bench.left(())
     process_before = fit_process(left_base, base.identifiability.seen)
     stands = of_fitting_form(found)
-    found, process_after = stands.search, process_of(stands.search)
-    # Where nothing shows the noise, what no smooth function gets below is the most that a gap can close to.
-    yard = ratio if noise.dof > 0 else max(1.0, float(np.sqrt(process_after.floor)))
-    sticking: dict[str, str] = {}
-    # An outlier among the held-out experiments proves nothing against a model; it is named, and the rest confirms.
-    while (
-        len(outliers) < _limit(data.fitted) + 1 and (worst := held_outlier(found.solution, o_held, ratio)) is not None
-    ):
-        if behind := effects_behind(_of_all(data, found, outliers), found.bench.found, worst):
-            sticking[f"outliers at {worst.name}"] = (
-                f"held out, it sticks out of what the others say; over all experiments {behind[0]} explains as much. Hold out others, or "
-                "measure more like it"
-            )
-            break
-        outliers = (*outliers, worst)
-        data = replace(data, held=without(data.held, worst.name))
-        o_held = data.arrange(data.held)
+    held, all_outliers, sticking = _held_outliers(data, stands.search, outliers, ratio)
+    o_held, yard = data.arrange(held), _yard(noise, ratio, stands)
+    stands = borne_out(stands, held_out(base, o_held, ratio)[0], o_held, yard)
+    if stands.anew:
+        # What stuck out of a refuted model may not stick out of this one.
+        held, all_outliers, sticking = _held_outliers(data, stands.search, outliers, ratio)
+        o_held, yard = data.arrange(held), _yard(noise, ratio, stands)
+    outliers, found, process_after, withdrawn = all_outliers, stands.search, stands.process, dict(stands.withdrawn)
     before, r_before = held_out(base, o_held, ratio)
-    stands = proven(stands, before, o_held, yard)
-    found, withdrawn, process_after = stands.search, dict(stands.withdrawn), process_of(stands.search)
     after, r_after = held_out(found.solution, o_held, ratio)
     explainable = (
         still_explainable(process_before, o_held, r_before),
@@ -252,10 +244,36 @@ def _confirm(
         places,
         words,
         withdrawn,
+        stands.refuted,
         stands.as_good,
         o,
         o_held,
     )
+
+
+def _yard(noise: NoiseShown, ratio: float, stands: Stands) -> float:
+    """The noise, over the stated one, that a gap can close to: where nothing shows it, what no smooth function gets below."""
+    return ratio if noise.dof > 0 else max(1.0, float(np.sqrt(stands.process.floor)))
+
+
+def _held_outliers(
+    data: _Data, found: Search, outliers: tuple[Outlier, ...], ratio: float
+) -> tuple[Measurements, tuple[Outlier, ...], dict[str, str]]:
+    """Held-out readings without outliers, which prove nothing against a model; all outliers; and what sticks out, but may be an effect."""
+    held = data.held
+    while len(outliers) < _limit(data.fitted) + 1:
+        worst = held_outlier(found.solution, data.arrange(held), ratio)
+        if worst is None:
+            break
+        if behind := effects_behind(_of_all(data, found, outliers), found.bench.found, worst):
+            why = (
+                f"held out, it sticks out of what the others say; over all experiments {behind[0]} explains as much. Hold out others, or "
+                "measure more like it"
+            )
+            return held, outliers, {f"outliers at {worst.name}": why}
+        outliers = (*outliers, worst)
+        held = without(held, worst.name)
+    return held, outliers, {}
 
 
 def _of_all(data: _Data, found: Search, outliers: tuple[Outlier, ...]) -> Remaining:

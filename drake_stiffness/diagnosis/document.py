@@ -92,7 +92,7 @@ def _entry(d: Diagnosis, n: Named, sigma: dict[str, float]) -> dict[str, Any]:
 def _limits(d: Diagnosis) -> list[Limit]:
     """How large what was tried and not named could be."""
     model = d.search.solution.model
-    out = {(u.kind, u.where) for u in d.untestable}
+    out = {(u.kind, u.where) for u in d.untestable} | {tuple(name.split(" at ", 1)) for name in d.withdrawn}
     present = {(e.kind, e.where) for e in model.effects}
     tried = [
         timed(s, d.observations.measurements)

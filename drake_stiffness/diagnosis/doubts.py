@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from drake_stiffness.diagnosis.bench import Named
-from drake_stiffness.diagnosis.confirmation import HeldOut, held_out
+from drake_stiffness.diagnosis.confirmation import HeldOut
 from drake_stiffness.diagnosis.evidence import basis_of, left_over, score
 from drake_stiffness.diagnosis.generic import Process
 from drake_stiffness.diagnosis.naming import Remaining, best_variant, rests_of
@@ -22,7 +22,6 @@ from drake_stiffness.effects.compliance import Spring
 from drake_stiffness.effects.hardening import JointHardening
 from drake_stiffness.effects.harmonics import JointPeriodicError
 from drake_stiffness.errors import UntrustworthyError
-from drake_stiffness.observation import Observations
 
 # A form is wrong when its own place still explains this share of what it explained, and more than five sigma (at each of two places).
 _WRONG_FORM, _LEAST_REST = 0.35, 25.0
@@ -30,11 +29,6 @@ _WRONG_FORM, _LEAST_REST = 0.35, 25.0
 _CLEARLY, _HINT = 9.0, 1e-6
 # What is left is not noise below this probability; forms are then believed only where they close this much of the gap.
 _NOT_NOISE, _MOSTLY = 1e-3, 0.75
-# Held-out readings that are less probable by this much (twice the log) with a name than without refute it. It is then taken for chance
-# unless its p-value was below this share of what it had to be below.
-_AGAINST, NO_CHANCE = 6.0, 1e-3
-# What came in place of a refuted name must make them ten times as probable (twice the log).
-_SPEAKS_FOR = 4.6
 _SURE = 0.0005  # of the 1 % that all of diagnosis may err by
 
 
@@ -175,7 +169,7 @@ def effects_behind(left: Remaining, found: Sequence[Suspect], outlier: Outlier) 
         rests = rests_of(left, suspect, {})
         t = best_variant(left, suspect, rests, [basis_of(S) for S in rests])
         if t is not None:
-            out.append((score(t.explained, t.coefficient.size, len(rests), outlier.noise), suspect.name))
+            out.append((score(t.explained, t.basis.shape[1], len(rests), outlier.noise), suspect.name))
     return tuple(name for worth, name in sorted(out, reverse=True) if worth > enough)
 
 
@@ -244,44 +238,3 @@ def doubtful_names(found: Search, before: HeldOut, after: HeldOut, noise_ratio: 
         for n in found.named
         if not isinstance(n.effect, Spring)
     }
-
-
-def unrefuted(
-    found: Search, o_held: Observations, noise_ratio: float, proven: Collection[str] | None = None
-) -> tuple[Search, dict[str, str]]:
-    """The search less names that readings which took no part speak against, the worst first.
-
-    Of hundreds of suspects one may look good by chance, or stand for what only these postures show: then it makes unseen
-    postures worse.
-
-    Parameters
-    ----------
-    proven : names, optional
-        All others came in place of a name that was refuted: unseen postures must speak for them.
-    """
-    gone: dict[str, str] = {}
-    while found.named:
-        own = held_out(found.solution, o_held, noise_ratio)[0].surprise
-        falls = {}
-        for n in found.named:
-            try:
-                others = found.bench.fit([m.effect for m in found.named if m is not n])
-            except UntrustworthyError:
-                continue
-            falls[n.tested.suspect.name] = own - held_out(others, o_held, noise_ratio)[0].surprise
-        beyond = {
-            name: fall - (_AGAINST if proven is None or name in proven else -_SPEAKS_FOR)
-            for name, fall in falls.items()
-        }
-        worst = max(beyond, key=beyond.__getitem__, default=None)
-        if worst is None or beyond[worst] <= 0:
-            break
-        fall = falls[worst]
-        why = (
-            f"readings that took no part are predicted worse with it (twice the log of their density falls by {fall:.1f})"
-            if fall > 0
-            else f"in place of a refuted name it would have to make readings that took no part clearly more probable (twice the log of their density rises by {-fall:.1f})"
-        )
-        found, more = standing(found, {worst: why})
-        gone |= more
-    return found, gone

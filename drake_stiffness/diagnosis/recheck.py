@@ -241,7 +241,7 @@ def _search(
 
 def _by_p_value(around: Round) -> Round:
     """With too few postures to leave any out, what is explained beyond its number of parameters stands for the evidence."""
-    passed = [replace(t, gain=t.explained / max(around.rest_per_dof, 1.0) - t.coefficient.size) for t in around.passed]
+    passed = [replace(t, gain=t.explained / max(around.rest_per_dof, 1.0) - t.basis.shape[1]) for t in around.passed]
     return replace(around, passed=sorted(passed, key=lambda t: -t.gain))
 
 

@@ -92,7 +92,7 @@ def search(bench: Bench, known: Sequence[Named] = (), barred: frozenset[str] = f
     named = list(known)
     first = bench.round((), set())
     while True:
-        last = bench.round(effects_of(named), _names(named) | set(faults))
+        last = bench.round(effects_of(named), names_of(named) | set(faults))
         faults |= last.faults
         able = [t for t in last.passed if t.suspect.name not in barred]
         able = [t for t in able if may_join(t, named, first, last) or bench.stays(t, named, last)]
@@ -119,11 +119,11 @@ def weighed(found: Search, known: Sequence[Named] = (), barred: frozenset[str] =
 
     Where one that was found with an outlier among the readings does not stand, all starts anew.
     """
-    named = _evidence_of_each(found.bench, list(found.named))
+    named = _evidence_of_each(found.bench, list(found.named), barred)
     weak = [n for n in named if n.tested.p_value >= n.level]
     if not weak:
         bench, effects = found.bench, effects_of(named)
-        last = bench.round(effects, _names(named) | set(found.faults))
+        last = bench.round(effects, names_of(named) | set(found.faults))
         return replace(found, named=tuple(named), solution=bench.fit(effects), left=bench.left(effects), last=last)
     if known:
         return weighed(search(found.bench))
@@ -180,7 +180,8 @@ def may_join(t: Tested, named: Sequence[Named], first: Round | None, last: Round
     return True
 
 
-def _names(named: Sequence[Named]) -> set[str]:
+def names_of(named: Sequence[Named]) -> set[str]:
+    """What is named, without what cannot be told from it."""
     return {n.tested.suspect.name for n in named}
 
 
@@ -188,7 +189,7 @@ def _hold_up_again(bench: Bench, named: list[Named], barred: frozenset[str]) -> 
     """Take every earlier effect out in turn; what is then most convincing takes its place, or nothing if nothing passes."""
     for old in list(named[:-1]):
         rest = [n for n in named if n is not old]
-        around = bench.round(effects_of(rest), _names(rest) | barred)
+        around = bench.round(effects_of(rest), names_of(rest) | barred)
         best = most_convincing(around.passed, bench.left(effects_of(rest)))
         if best is None:
             named = rest
@@ -210,10 +211,10 @@ def _alike(a: Tested, b: Tested) -> bool:
     return abs(float(a.fit @ b.fit)) > _ALIKE_ABOVE * size
 
 
-def _evidence_of_each(bench: Bench, named: list[Named], leads: bool = True) -> list[Named]:
+def _evidence_of_each(bench: Bench, named: list[Named], barred: frozenset[str], leads: bool = True) -> list[Named]:
     """The evidence for each named effect with all the others in the model, and its class; strongest first.
 
-    With `leads` the best of a class may take the lead; then all are weighed once more beside it.
+    With `leads` the best of a class that is not barred may take the lead; then all are weighed once more beside it.
     """
     out, changed = list(named), False
     per_dof = bench.left(effects_of(named)).per_dof
@@ -221,21 +222,22 @@ def _evidence_of_each(bench: Bench, named: list[Named], leads: bool = True) -> l
         bench.progress(f"weighing {n.tested.suspect.name} beside the others")
         others = [m for m in out if m is not n]
         left = bench.left(effects_of(others))
-        found = [s for s in bench.found if s.name not in _names(others)]
+        found = [s for s in bench.found if s.name not in names_of(others)]
         found = [_fixed(s, n) for s in bench.sensible(found, effects_of(others))]
         around = try_all(left, found, bench.seed)
         able = [*around.passed, *around.failed]
         own = next((t for t in able if t.suspect.name == n.tested.suspect.name), n.tested)
         searched = {t.suspect.name: t.bases for t in able} | {own.suspect.name: _searched(bench, left, own)}
         same = confounded_with(own, [_refined(left, t, own) for t in able], left.r, per_dof, searched)
-        leader = _leader(bench, own, same, around, per_dof) if leads else None
+        able = [t for t in same if t.suspect.name not in barred]
+        leader = _leader(bench, own, able, around, per_dof) if leads else None
         if leader is not None and not any(_refines(m.effect, n.effect) for m in others):
             joined = bench.join(others, leader, around)
             if not isinstance(joined, str):
                 out[k], changed = joined, True
                 continue
         out[k] = replace(n, tested=own, confounded=tuple(same), level=around.level)
-    return _evidence_of_each(bench, out, leads=False) if changed else sorted(out, key=lambda n: -n.tested.gain)
+    return _evidence_of_each(bench, out, barred, leads=False) if changed else sorted(out, key=lambda n: -n.tested.gain)
 
 
 def _leader(bench: Bench, own: Tested, same: Sequence[Tested], around: Round, per_dof: float) -> Tested | None:

@@ -117,7 +117,9 @@ def _callouts(result: Diagnosed) -> list[h.Markup]:
             h.callout(
                 f"WITHDRAWN: {name}.",
                 f"{why[0].upper()}{why[1:]}.",
-                "Something lives there that no kind of the catalogue describes.",
+                "Chance, or it led others that fit as well."
+                if name in d.refuted
+                else "Something lives there that no kind of the catalogue describes.",
             )
         )
     for name, why in d.search.faults.items():

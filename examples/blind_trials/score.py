@@ -98,7 +98,7 @@ GLOSSARY = """*Found*: the true kind at the true place, alone or in the class th
 verdict says that a gap remains. *Missed*: called consistent. *Fitted data*: what is not held out; a test of several columns pays for each.
 *Oracle's test of these very readings*: its statistic with the noise that this trial has, in one column, so the comparison is in pairs.
 *Less chance*: the points apart with the luck of these readings taken out (that test is a control variate of known mean), and twice their
-standard error. The oracle knows nothing of a second effect; where it leaks into the test of the first, both columns are off.
+standard error. The oracle knows nothing of a second effect, which may leak into its test of the first.
 A step that is named an outlier may have effects in its class; one that is hidden is found there.
 """
 
@@ -115,8 +115,14 @@ def confusion(cases: list[Case]) -> str:
     return table(["hidden (8 sigma and more)", "trials", *OUTCOMES, "said instead"], rows)
 
 
-def power_table(cases: list[Case], label: str, key: str) -> str:
-    """Share found against what the oracle finds: its power on average, and its test of one column on the readings of these trials."""
+def power_table(cases: list[Case], label: str, key: str, paired: bool = False) -> str:
+    """Share found against what the oracle finds: its power on average, and its test of one column on the readings of these trials.
+
+    Parameters
+    ----------
+    paired
+        Also the points apart with the luck of these readings taken out, where each case is a trial of its own.
+    """
     from scipy.stats import norm
 
     rows = []
@@ -138,8 +144,8 @@ def power_table(cases: list[Case], label: str, key: str) -> str:
                 *(f"{100 * np.mean(p):.0f} %" for p in (kept, one, told)),
                 f"{sum(same)}/{len(own)}",
                 f"{100 * (found / len(own) - np.mean(kept)):+.0f}",
-                _less_chance([r.outcome(t) == "found" for r, t in own], same, one, kept),
             ]
+            + ([_less_chance([r.outcome(t) == "found" for r, t in own], same, one, kept)] if paired else [])
         )
     head = [
         label,
@@ -149,7 +155,7 @@ def power_table(cases: list[Case], label: str, key: str) -> str:
         "oracle, all data",
         "oracle's test of these very readings",
         "points apart",
-        "less chance",
+        *(["less chance"] if paired else []),
     ]
     return table(head, rows)
 
@@ -293,7 +299,7 @@ def report(records: list[Record], without_answer: Sequence[tuple[str, str]] = ()
         table(["plan", "trials", "seeds"], [[p, n, f"{seeds[p][0]} - {seeds[p][1]}"] for p, n in count.items()]),
         "## Power\n",
         power_table(cases, "sigma", "band"),
-        power_table([(r, t) for r, t in cases if len(r.hidden) == 1], "hidden alone", "kind"),
+        power_table([(r, t) for r, t in cases if len(r.hidden) == 1], "hidden alone", "kind", paired=True),
         power_table([(r, t) for r, t in cases if len(r.hidden) > 1], "hidden with another", "kind"),
         "## Confusion\n",
         confusion(cases),

@@ -2,21 +2,21 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import pytest
 from hidden_campaigns import draw, run, table, with_physics, write
 from plants.gear_mesh import Backlash
 
-from drake_stiffness.diagnosis import suspects
+from drake_stiffness.diagnosis import refutation, suspects
 from drake_stiffness.diagnosis.bench import Bench, Named
 from drake_stiffness.diagnosis.confirmation import held_out
 from drake_stiffness.diagnosis.diagnosis import diagnose
 from drake_stiffness.diagnosis.document import diagnosis_document
-from drake_stiffness.diagnosis.doubts import unrefuted
+from drake_stiffness.diagnosis.generic import fit_process
 from drake_stiffness.diagnosis.naming import try_all
-from drake_stiffness.diagnosis.proof import Stands, proven
+from drake_stiffness.diagnosis.refutation import Stands, borne_out, of_fitting_form, speaks_against
 from drake_stiffness.diagnosis.search import Search, weighed
 from drake_stiffness.diagnosis.suspects import separate_untestable
 from drake_stiffness.diagnosis.words import meaning
@@ -24,7 +24,7 @@ from drake_stiffness.effects import harmonics
 from drake_stiffness.identification import identify
 from drake_stiffness.observation import columns, measured, predicted
 from drake_stiffness.start import starting_model
-from drake_stiffness.task import read_task
+from drake_stiffness.task import Task, read_task
 
 PLAY, HELD = "joint_backlash at joint_1", ("E03", "E06", "E09")
 TRIED = ("joint_backlash", "joint_hysteresis", "joint_mesh_stiffness", "tracker_drift")
@@ -92,10 +92,11 @@ def test_a_name_that_unseen_readings_speak_against_goes_alone(tmp_path, plan, pl
         task = read_task(write(tmp_path / str(n), table(done, 1)))
         unseen = np.isin(task.measurements.experiments, HELD)
         found = named_so(task, ~unseen, PLAY)
-        kept, gone = unrefuted(found, task.observations(unseen), 1.0)
-        assert [m.tested.suspect.name for m in kept.named] == ([PLAY] if n == 0 else [])
-        assert list(gone) == ([] if n == 0 else [PLAY])
-        assert kept.solution is found.bench.fit([m.effect for m in kept.named])
+        against = speaks_against(found, task.observations(unseen), 1.0)
+        assert (against is None) == (n == 0)
+        if against is not None:
+            assert against.name == PLAY
+            assert "readings that took no part" in against.why
 
 
 def test_surprise_is_the_log_density_of_readings_under_noise_and_the_parameters_uncertainty(tmp_path, played):
@@ -145,14 +146,6 @@ def test_a_step_that_alone_shows_an_effect_may_be_an_outlier_or_that_effect(tmp_
     assert meaning(document).startswith("without what was left out as outliers")
 
 
-def on_trial(task, unseen, *names, withdrawn=()):
-    """What `proven` makes of a search that named these, and what the held-out readings say of each name alone."""
-    found = named_so(task, ~unseen, *names)
-    o = task.observations(unseen)
-    before = held_out(found.bench.base, o)[0]
-    return proven(Stands(found, dict.fromkeys(withdrawn, "no form fits"), {}, ()), before, o, 1.0)
-
-
 def falls_of(task, unseen):
     """By how much the unseen readings are less probable with each suspect (twice the log), of those that the fitted ones lend anything to."""
     o, whole = task.observations(unseen), named_so(task, ~unseen)
@@ -161,50 +154,110 @@ def falls_of(task, unseen):
     return {t.suspect.name: held_out(whole.bench.fit([t.effect]), o)[0].surprise - base for t in able}
 
 
-def speaks_against(task, unseen):
+@dataclass
+class Trial:
+    """A first search that found some names, and what every search anew finds; none of them is right or wrong but by the readings."""
+
+    task: Task
+    unseen: np.ndarray
+    wrong: str
+    vague: str
+    asked: list = field(default_factory=list)
+
+    def found(self, names, p_value=1e-30):
+        found = named_so(self.task, ~self.unseen, *names)
+        return replace(found, named=tuple(replace(n, tested=replace(n.tested, p_value=p_value)) for n in found.named))
+
+    def of(self, monkeypatch, first, *later, withdrawn=(), p_value=1e-30):
+        rounds = iter(later)
+
+        def search(bench, known, barred):
+            self.asked.append(({s.name for s in bench.found}, set(barred)))
+            return self.found(next(rounds))
+
+        monkeypatch.setattr(refutation, "search", search)
+        monkeypatch.setattr(refutation, "weighed", lambda found, known, barred: found)
+        monkeypatch.setattr(refutation, "stand_ins", lambda found, left: ({}, {}))
+        monkeypatch.setattr(refutation, "wrong_forms", lambda named, process: {})
+        monkeypatch.setattr(refutation, "doubtful_names", lambda *rest: {})
+        found = self.found(first, p_value)
+        o = self.task.observations(self.unseen)
+        stands = replace(of_fitting_form(found), withdrawn=dict.fromkeys(withdrawn, "its form does not fit"))
+        return borne_out(stands, held_out(found.bench.base, o)[0], o, 1.0)
+
+
+@pytest.fixture
+def trial(tmp_path, played):
+    task = read_task(write(tmp_path, table(played, 1)))
+    unseen = np.isin(task.measurements.experiments, HELD)
     falls = falls_of(task, unseen)
-    worst = max(falls, key=falls.__getitem__)
-    assert falls[worst] > 6, "nothing here is refuted: another plan of experiments is needed"
-    return worst
+    wrong, vague = max(falls, key=falls.__getitem__), min(falls, key=lambda name: abs(falls[name]))
+    assert falls[wrong] > 6, "another plan of experiments is needed: nothing is refuted"
+    assert abs(falls[vague]) < 4, "another plan of experiments is needed: nothing is of no account"
+    return Trial(task, unseen, wrong, vague)
 
 
-def test_a_refuted_name_makes_room_for_the_one_that_unseen_readings_bear_out(tmp_path, played):
-    task = read_task(write(tmp_path, table(played, 1)))
-    unseen = np.isin(task.measurements.experiments, HELD)
-    wrong = speaks_against(task, unseen)
-    stands = on_trial(task, unseen, wrong)
-    assert [n.tested.suspect.name for n in stands.search.named] == [PLAY]
-    assert "readings that took no part" in stands.withdrawn[wrong]
-    assert not any(wrong == t.suspect.name for n in stands.search.named for t in n.confounded), "it is out of question"
+def names(stands):
+    return [n.tested.suspect.name for n in stands.search.named]
+
+
+def test_a_refuted_name_makes_room_for_the_one_that_unseen_readings_bear_out(trial, monkeypatch):
+    stands = trial.of(monkeypatch, [trial.wrong], [PLAY])
+    assert names(stands) == [PLAY]
+    [(tried, barred)] = trial.asked
+    assert trial.wrong not in tried
+    assert barred == {trial.wrong}
+    assert "predicted worse" in stands.withdrawn[trial.wrong]
+    assert stands.refuted == {trial.wrong}
     assert stands.lost == (), "the play explains what it did"
+    assert trial.wrong in {s.name for s in stands.search.tried}, "it was tried against the base model"
 
 
-def test_where_a_form_that_the_catalogue_lacks_did_better_no_other_name_is_sought(tmp_path, played):
-    task = read_task(write(tmp_path, table(played, 1)))
-    unseen = np.isin(task.measurements.experiments, HELD)
-    stands = on_trial(task, unseen, speaks_against(task, unseen), withdrawn=["joint_coupling at joint_1+joint_2"])
-    assert stands.search.named == ()
+def test_what_a_refuted_name_explained_is_lost_where_nothing_takes_its_place(trial, monkeypatch):
+    stands = trial.of(monkeypatch, [trial.wrong], [])
+    assert names(stands) == []
+    assert [n.tested.suspect.name for n in stands.lost] == [trial.wrong]
 
 
-def test_what_comes_in_place_of_a_refuted_name_must_be_borne_out(tmp_path, plan, played):
-    """The held-out experiments lack the play: they do not speak against it so much, but never for it."""
-    held = np.isin([f"E{e + 1:02d}" for e in plan.course.experiment], HELD)
-    lacking = replace(played, exact=np.where(held[:, None, None], run(plan).exact, played.exact))
-    task = read_task(write(tmp_path, table(lacking, 1)))
-    unseen = np.isin(task.measurements.experiments, HELD)
-    stands = on_trial(task, unseen, PLAY)
-    assert stands.search.named == ()
-    assert PLAY in [n.tested.suspect.name for n in stands.lost]
+def test_a_name_that_just_passed_and_is_refuted_was_chance(trial, monkeypatch):
+    level = trial.found([]).first.level
+    assert trial.of(monkeypatch, [trial.wrong], [], p_value=0.1 * level).lost == ()
 
 
-def test_a_first_name_may_be_of_no_account_to_unseen_readings_a_second_choice_may_not(tmp_path, played):
-    task = read_task(write(tmp_path, table(played, 1)))
-    unseen = np.isin(task.measurements.experiments, HELD)
-    falls, o = falls_of(task, unseen), task.observations(unseen)
-    vague = min(falls, key=lambda name: abs(falls[name]))
-    assert abs(falls[vague]) < 4
-    found = named_so(task, ~unseen, vague)
-    assert unrefuted(found, o, 1.0)[1] == {}
-    assert unrefuted(found, o, 1.0, {vague})[1] == {}
-    assert "clearly more probable" in unrefuted(found, o, 1.0, set())[1][vague] or falls[vague] > 0
-    assert unrefuted(found, o, 1.0, set())[0].named == ()
+def test_a_second_choice_must_be_borne_out_a_first_one_only_not_refuted(trial, monkeypatch):
+    assert names(trial.of(monkeypatch, [trial.vague])) == [trial.vague]
+    assert names(trial.of(monkeypatch, [trial.vague, trial.wrong], [PLAY, trial.vague])) == [PLAY, trial.vague]
+    trial.asked.clear()
+    stands = trial.of(monkeypatch, [trial.wrong], [trial.vague], [])
+    assert names(stands) == []
+    assert "ten times as probable" in stands.withdrawn[trial.vague]
+    (_, (tried, barred)) = trial.asked
+    assert barred == {trial.wrong, trial.vague}
+    assert trial.vague in tried, "nothing refutes it: it stays in the classes of others"
+
+
+def test_companions_of_a_refuted_name_are_judged_beside_what_takes_its_place(trial, monkeypatch):
+    """A name that unseen readings refute while a strong effect is missing stands beside that effect."""
+    stands = trial.of(monkeypatch, [trial.wrong, trial.vague], [PLAY, trial.vague])
+    assert set(names(stands)) == {PLAY, trial.vague}
+    assert trial.vague not in stands.withdrawn
+
+
+def test_where_a_form_does_not_fit_no_other_name_is_sought(trial, monkeypatch):
+    stands = trial.of(monkeypatch, [trial.wrong], withdrawn=["joint_coupling at joint_1+joint_2"])
+    assert names(stands) == []
+    assert trial.asked == []
+
+
+def test_the_search_starts_anew_five_times_at_most(trial, monkeypatch):
+    stands = trial.of(monkeypatch, *([trial.wrong] for _ in range(6)))
+    assert names(stands) == []
+    assert len(trial.asked) == 5
+
+
+def test_play_is_found_behind_a_wrong_name_by_the_search_itself(trial):
+    found, o = trial.found([trial.wrong]), trial.task.observations(trial.unseen)
+    first = Stands(found, fit_process(found.left, found.solution.identifiability.seen), {}, frozenset(), {}, ())
+    stands = borne_out(first, held_out(found.bench.base, o)[0], o, 1.0)
+    assert names(stands) == [PLAY]
+    assert not any(trial.wrong == t.suspect.name for n in stands.search.named for t in n.confounded)
