@@ -82,6 +82,8 @@ def show_diagnosis(console: Console, result: Diagnosed) -> None:
                 f"! {entry['kind']} at {entry['where']}: a form outside the catalogue explains about as much: "
                 f"{entry['outside_the_catalogue_as_good']}."
             )
+    for name, why in result.diagnosis.withdrawn.items():
+        console.print(f"! Withdrawn: {name}; {why}.")
     for line in limits_in_words(document["not_detectable_above"]):
         console.print(line)
     untestable: dict[tuple[str, str], list[str]] = defaultdict(list)

@@ -117,7 +117,7 @@ def _callouts(result: Diagnosed) -> list[h.Markup]:
             h.callout(
                 f"WITHDRAWN: {name}.",
                 f"{why[0].upper()}{why[1:]}.",
-                "Chance, or it led others that fit as well."
+                "Either chance, or it stood before another effect that fits as well."
                 if name in d.refuted
                 else "Something lives there that no kind of the catalogue describes.",
             )
@@ -147,8 +147,11 @@ def _tiles(result: Diagnosed) -> h.Markup:
 def _gap(result: Diagnosed) -> h.Markup:
     d = result.diagnosis
     before, after = h.number(d.before.per_dof), h.number(d.after.per_dof)
+    second = d.refuted and d.search.named
     text = (
-        "Held-out experiments chose no effect and fitted no parameter: they are the proof. Their chi-square per degree of freedom "
+        "Held-out experiments chose no effect and fitted no parameter: they are the proof. "
+        f"{'But they refused another name before, so what they say of this one is a little too good. ' if second else ''}"
+        "Their chi-square per degree of freedom "
         f"{f'goes from {before} to {after}' if _changed(result) else f'is {after}'} (1 is noise; the uncertainty of the parameters adds a little)."
     )
     return h.section(

@@ -152,3 +152,15 @@ def test_a_lucky_constant_is_paid_for_in_the_class():
         without += class_of(true, [lucky], r) == ["lucky"]
         with_choice += class_of(true, [lucky], r, lucky=choice) == ["lucky"]
     assert with_choice < 0.8 * without
+
+
+@pytest.mark.parametrize(("rivals", "at_most"), [(1, 0.015), (5, 0.025), (15, 0.05)])
+def test_more_rivals_push_the_truth_out_of_the_class_of_one_of_them_a_few_times_in_a_hundred(rivals, at_most):
+    rng = np.random.default_rng(12)
+    truth = np.eye(ROWS)[0]
+    left_out = 0
+    for _ in range(1000):
+        r = 6.0 * truth + rng.normal(size=ROWS)
+        some = [named(f"rival {k}", like(rng, truth, 0.88)[:, None], r) for k in range(rivals)]
+        left_out += "true" not in class_of(some[0], [*some, named("true", truth[:, None], r)], r)
+    assert left_out <= at_most * 1000, f"left out {left_out / 10:.1f} %"

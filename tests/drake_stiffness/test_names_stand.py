@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from hidden_campaigns import draw, run, table, with_physics, write
 from plants.gear_mesh import Backlash
+from rich.console import Console
 
 from drake_stiffness.diagnosis import refutation, suspects
 from drake_stiffness.diagnosis.bench import Bench, Named
@@ -15,11 +16,12 @@ from drake_stiffness.diagnosis.confirmation import held_out
 from drake_stiffness.diagnosis.diagnosis import diagnose
 from drake_stiffness.diagnosis.document import diagnosis_document
 from drake_stiffness.diagnosis.generic import fit_process
+from drake_stiffness.diagnosis.job import diagnose_campaign
 from drake_stiffness.diagnosis.naming import try_all
 from drake_stiffness.diagnosis.refutation import Stands, borne_out, of_fitting_form, speaks_against
 from drake_stiffness.diagnosis.search import Search, weighed
 from drake_stiffness.diagnosis.suspects import separate_untestable
-from drake_stiffness.diagnosis.words import meaning
+from drake_stiffness.diagnosis.words import meaning, show_diagnosis
 from drake_stiffness.effects import harmonics
 from drake_stiffness.identification import identify
 from drake_stiffness.observation import columns, measured, predicted
@@ -120,8 +122,11 @@ def test_what_unseen_experiments_do_not_show_does_not_stand(tmp_path, plan, play
     held = np.isin([f"E{e + 1:02d}" for e in plan.course.experiment], HELD)
     exact = played.exact if everywhere else np.where(held[:, None, None], run(plan).exact, played.exact)
     path = write(tmp_path, table(replace(played, exact=exact), 1), hold_out={"experiments": list(HELD)})
-    d = diagnose(read_task(path), lambda text: None)
+    done = diagnose_campaign(path)
+    d, console = done.diagnosis, Console(record=True, width=400)
+    show_diagnosis(console, done)
     assert [n.tested.suspect.name for n in d.search.named] == ([PLAY] if everywhere else [])
+    assert (f"Withdrawn: {PLAY}; {d.withdrawn.get(PLAY)}" in console.export_text()) == (not everywhere)
     if not everywhere:
         assert "readings that took no part" in d.withdrawn[PLAY] or "of the gap on unseen" in d.withdrawn[PLAY]
         assert d.verdict == "unexplained"
