@@ -14,7 +14,7 @@ from drake_stiffness.diagnosis.doubts import effects_behind, hint, sticks_out
 from drake_stiffness.diagnosis.generic import fit_process
 from drake_stiffness.diagnosis.locate import Place, by_part, floor_in_words, in_words
 from drake_stiffness.diagnosis.naming import Remaining, remaining
-from drake_stiffness.diagnosis.outliers import MOST, Outlier, find_outlier, without
+from drake_stiffness.diagnosis.outliers import MOST, Outlier, find_outlier, joined, without
 from drake_stiffness.diagnosis.prior import WithPrior
 from drake_stiffness.diagnosis.refutation import Stands, borne_out, of_fitting_form
 from drake_stiffness.diagnosis.rigidity import NoiseShown, noise_of_remainder, noise_shown
@@ -108,7 +108,7 @@ def diagnose(task: Task, progress: Callable[[str], None], model: Model | None = 
     """
     data = _split(task)
     start = model or starting_model(task.model, data.fitted)
-    outliers: list[Outlier] = []
+    outliers: tuple[Outlier, ...] = ()
     limit = _limit(data.fitted)
     known: tuple[Named, ...] = ()
     while True:
@@ -131,9 +131,9 @@ def diagnose(task: Task, progress: Callable[[str], None], model: Model | None = 
         known = () if found is None else found.named
         progress(f"leaving out {worst.name}")
         left = bench.left(()) if found is None else found.left
-        outliers.append(replace(worst, instead=effects_behind(left, testable, worst)))
+        outliers = joined(outliers, replace(worst, instead=effects_behind(left, testable, worst)))
         data = replace(data, fitted=without(data.fitted, worst.name))
-    return _confirm(data, base, found, tuple(outliers), untestable, noise, progress)
+    return _confirm(data, base, found, outliers, untestable, noise, progress)
 
 
 def _outlier(left: Remaining, best_gain: float, ratio: float) -> Outlier | None:
@@ -271,7 +271,7 @@ def _held_outliers(
                 "measure more like it"
             )
             return held, outliers, {f"outliers at {worst.name}": why}
-        outliers = (*outliers, worst)
+        outliers = joined(outliers, worst)
         held = without(held, worst.name)
     return held, outliers, {}
 

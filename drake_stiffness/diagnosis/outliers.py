@@ -8,6 +8,7 @@ does: an effect that is missing shows in many experiments, an outlier in its own
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -144,6 +145,11 @@ def _test(left: Remaining, own: NDArray[np.int_], name: str, total: float, C: Ar
     noise = max(total - f, 1e-300) / rest_dof
     p_value = float(fdtrc(p, rest_dof, f / p / noise))
     return Outlier(name, p_value, f / noise - p, float(np.sqrt(f / p)), noise, p)
+
+
+def joined(outliers: Sequence[Outlier], other: Outlier) -> tuple[Outlier, ...]:
+    """With one more; a whole experiment speaks for those of its steps that were named before."""
+    return (*(x for x in outliers if not x.name.startswith(f"{other.name}:")), other)
 
 
 def without(m: Measurements, name: str) -> Measurements:

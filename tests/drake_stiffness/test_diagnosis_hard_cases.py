@@ -107,6 +107,16 @@ def test_every_experiment_an_outlier_is_no_list_of_outliers(folder, clean):
     assert not [e for e in document["effects"] if e["kind"] != "outliers"]
 
 
+def test_an_experiment_with_bad_steps_that_is_bad_as_a_whole_is_one_outlier(folder, clean):
+    """A step of E04 was knocked hard, and all its others moved somewhat: the step is found first, then the rest."""
+    rng, knocks = np.random.default_rng(5), np.zeros((POSTURES, len(STEPS), 1, 3))
+    knocks[3] = rng.normal(scale=2e-5, size=(len(STEPS), 1, 3))
+    knocks[3, 3] += 1e-3
+    d, document = found(write(folder / "whole", table(replace(clean, exact=clean.exact + knocks.reshape(-1, 1, 3)), 1)))
+    assert named(document) == [("outliers", "E04")]
+    assert d.verdict == "explained"
+
+
 @pytest.mark.parametrize(("stated", "ratio"), [(SIGMA_M / 10, 10.0), (SIGMA_M * 10, 0.1)])
 def test_noise_stated_tenfold_wrong_is_noticed_and_play_still_named(folder, played, stated, ratio):
     path = write(folder / f"noise_{ratio}", table(played, 1), noise={"position_sigma_mm": stated * 1e3})
