@@ -19,6 +19,7 @@ from drake_stiffness.diagnosis.suspects import Suspect
 from drake_stiffness.diagnosis.verdict import closed_share, p_of_fit
 from drake_stiffness.effects import Effect
 from drake_stiffness.effects.compliance import Spring
+from drake_stiffness.effects.geometry import JointZeroOffset, LinkGeometry
 from drake_stiffness.effects.hardening import JointHardening
 from drake_stiffness.effects.harmonics import JointPeriodicError
 from drake_stiffness.errors import UntrustworthyError
@@ -29,6 +30,8 @@ _WRONG_FORM, _LEAST_REST = 0.35, 25.0
 _CLEARLY, _HINT = 9.0, 1e-6
 # What is left is not noise below this probability; forms are then believed only where they close this much of the gap.
 _NOT_NOISE, _MOSTLY = 1e-3, 0.75
+# What carries no load: a hose that pulls is no better form of a spring, but it may be of these.
+_OF_ANGLES = (JointPeriodicError, LinkGeometry, JointZeroOffset)
 _SURE = 0.0005  # of the 1 % that all of diagnosis may err by
 
 
@@ -85,8 +88,8 @@ def pull_like(effect: Effect) -> str:
 
 
 def _against(forms: Sequence[Stranger], named: Sequence[Named]) -> list[Stranger]:
-    """Forms that may speak against names: what goes with angles as weight does, only where nothing but errors of angles may be meant."""
-    of_angles = all(isinstance(t.effect, JointPeriodicError) for n in named for t in (n.tested, *n.confounded))
+    """Forms that may speak against names: what goes with angles as weight does, only where nothing but errors of angles or lengths may be meant."""
+    of_angles = all(isinstance(t.effect, _OF_ANGLES) for n in named for t in (n.tested, *n.confounded))
     return [f for f in forms if of_angles or not f.like_weight]
 
 
