@@ -21,7 +21,7 @@ from drake_stiffness.observation import Observations
 
 # Held-out readings that are less probable by this much (twice the log) with a name than without refute it. It is then taken for chance
 # unless its p-value was below this share of what it had to be below.
-_AGAINST, NO_CHANCE = 6.0, 1e-3
+_AGAINST, _NO_CHANCE = 6.0, 1e-3
 # A second choice must make them ten times as probable (twice the log).
 _SPEAKS_FOR = 4.6
 # So often at most the search starts anew.
@@ -128,7 +128,7 @@ def borne_out(first: Stands, before: HeldOut, o_held: Observations, noise_ratio:
     now = _without(now, doubtful)
     possible = names_of(now.search.named) | {t.suspect.name for n in now.search.named for t in n.confounded}
     refuted = {a.name: a.why for a in gone if a.name not in possible}
-    sure = tuple(a.named for a in gone if a.named.tested.p_value < NO_CHANCE * a.named.level)
+    sure = tuple(a.named for a in gone if a.named.tested.p_value < _NO_CHANCE * a.named.level)
     if sure and not (searches and _covers(now.search, first.search, sure)):
         lost = (*lost, *sure)
     # All suspects against the base model are those of the first search.
