@@ -1,6 +1,6 @@
 """Tables of blind trials: confusion, power against the oracle, false alarms, abstentions, classes, held-out p-values.
 
-Run: python examples/blind_trials/score.py FOLDER [--write]      (--write also makes docs/blind_trials.md)
+Run: python examples/blind_trials/score.py FOLDER [--write] [--remark TEXT]      (--write also makes docs/blind_trials.md)
 """
 
 from __future__ import annotations
@@ -273,11 +273,13 @@ def failures(records: list[Record]) -> str:
     return table(["trial", "base model", "hidden (sigma)", "verdict", "said"], rows)
 
 
-def report(records: list[Record], without_answer: Sequence[tuple[str, str]] = ()) -> str:
+def report(records: list[Record], without_answer: Sequence[tuple[str, str]] = (), remark: str = "") -> str:
     """All tables.
 
     Parameters
     ----------
+    remark
+        How these trials were run, where that needs saying.
     without_answer
         Trials that broke off, and why (`records.read_failures`).
     """
@@ -297,6 +299,7 @@ def report(records: list[Record], without_answer: Sequence[tuple[str, str]] = ()
         headline(records, cases),
         GLOSSARY,
         table(["plan", "trials", "seeds"], [[p, n, f"{seeds[p][0]} - {seeds[p][1]}"] for p, n in count.items()]),
+        *([f"{remark}\n"] if remark else []),
         "## Power\n",
         power_table(cases, "sigma", "band"),
         power_table([(r, t) for r, t in cases if len(r.hidden) == 1], "hidden alone", "kind", paired=True),
@@ -325,8 +328,9 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("folder", type=Path)
     parser.add_argument("--write", action="store_true")
+    parser.add_argument("--remark", default="", help="how these trials were run, where that needs saying")
     options = parser.parse_args()
-    text = report(read_records(options.folder), read_failures(options.folder))
+    text = report(read_records(options.folder), read_failures(options.folder), options.remark)
     print(text)
     if options.write:
         DOCUMENT.write_text(text, encoding="utf-8")
