@@ -145,7 +145,7 @@ def power_table(cases: list[Case], label: str, key: str, paired: bool = False) -
                 f"{sum(same)}/{len(own)}",
                 f"{100 * (found / len(own) - np.mean(kept)):+.0f}",
             ]
-            + ([_less_chance([r.outcome(t) == "found" for r, t in own], same, one, kept)] if paired else [])
+            + ([less_chance([r.outcome(t) == "found" for r, t in own], same, one, kept)] if paired else [])
         )
     head = [
         label,
@@ -160,7 +160,7 @@ def power_table(cases: list[Case], label: str, key: str, paired: bool = False) -
     return table(head, rows)
 
 
-def _less_chance(found: list[bool], same: list[bool], one: list[float], kept: list[float]) -> str:
+def less_chance(found: list[bool], same: list[bool], one: list[float], kept: list[float]) -> str:
     """Points between what was found and the oracle's power, with twice the standard error.
 
     The luck of these very readings is taken out: the oracle's test of one column on them is a control variate of known mean.

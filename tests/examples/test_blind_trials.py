@@ -14,12 +14,13 @@ from blind_trials.hidden_around import DRAWS, places
 from blind_trials.oracle import Oracle, detected, power, spring_columns
 from blind_trials.records import read_records
 from blind_trials.run import diagnose_files, members
-from blind_trials.score import bounds, report
+from blind_trials.score import bounds, less_chance, report
 from blind_trials.setting import Setting, make_setting
 from plants.course import Course
 from plants.friction import DahlFriction
 from plants.gear_mesh import Backlash
 from plants.windup import SoftStart
+from scipy.stats import norm
 
 FEW = 12
 
@@ -239,3 +240,18 @@ def test_the_oracles_class_holds_what_carries_the_true_signature_and_no_more(ora
     assert like.keys() == suspects
     assert like.pop("link_compliance at upper_arm") == 1.0
     assert max(like.values()) < 0.95
+
+
+def test_the_luck_of_the_readings_is_taken_out_of_the_power():
+    """A finder that is as good as the oracle's test, but misses one effect in ten."""
+    rng, level, sigma, trials = np.random.default_rng(1), 1e-4, 4.0, 40
+    told = power(sigma, 1, level)
+    raw, less = [], []
+    for _ in range(300):
+        same = np.abs(sigma + rng.normal(size=trials)) > norm.isf(level / 2)
+        found = same & (rng.random(trials) > 0.1)
+        text = less_chance(list(found), list(same), [told] * trials, [told] * trials)
+        less.append(float(text.split(" +- ")[0]))
+        raw.append(100 * (found.mean() - told))
+    assert abs(np.mean(less) + 10 * told) < 1.0
+    assert np.std(less) < 0.5 * np.std(raw)
