@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -13,7 +12,7 @@ from drake_stiffness.diagnosis.diagnosis import Diagnosis, gap_mm
 from drake_stiffness.diagnosis.evidence import Tested
 from drake_stiffness.diagnosis.growth import Further
 from drake_stiffness.diagnosis.outliers import Outlier
-from drake_stiffness.diagnosis.search import MOST_EFFECTS
+from drake_stiffness.diagnosis.search import MOST_EFFECTS, what_may_be
 from drake_stiffness.diagnosis.suspects import suspects, timed
 
 FORMAT = "drake-stiffness-diagnosis/1"
@@ -119,7 +118,7 @@ def _rejected(d: Diagnosis) -> list[dict[str, Any]]:
         {"kind": name.partition(" at ")[0], "where": name.partition(" at ")[2], "why": why}
         for name, why in d.withdrawn.items()
     ]
-    possible = what_may_be(d.search.named, d.outliers)
+    possible = what_may_be(d.search.named) | {name for x in d.outliers for name in x.instead}
     said = possible | set(d.withdrawn) | set(d.search.faults)
     tested = [t for t in (*d.search.last.passed, *d.search.last.failed) if t.suspect.name not in said]
     out += [
@@ -143,12 +142,6 @@ def _rejected(d: Diagnosis) -> list[dict[str, Any]]:
         kind, _, where = name.partition(" at ")
         out.append({"kind": kind, "where": where, "why": f"could not be tried: {reason}"})
     return out
-
-
-def what_may_be(named: Sequence[Named], outliers: Sequence[Outlier] = ()) -> set[str]:
-    """Names and all that their classes hold: none of it is ruled out."""
-    out = {t.suspect.name for n in named for t in (n.tested, *n.confounded)}
-    return out | {name for x in outliers for name in x.instead}
 
 
 def why_not(t: Tested, level: float, named: int) -> str:

@@ -10,12 +10,13 @@ from typing import Any
 import numpy as np
 
 from drake_stiffness.diagnosis.diagnosis import task_seed
-from drake_stiffness.diagnosis.document import FORMAT, what_may_be, why_not
+from drake_stiffness.diagnosis.document import FORMAT, why_not
 from drake_stiffness.diagnosis.evidence import Tested
 from drake_stiffness.diagnosis.generic import fit_process
 from drake_stiffness.diagnosis.locate import by_part, in_words
 from drake_stiffness.diagnosis.prior import WithPrior
 from drake_stiffness.diagnosis.recheck import FEWEST_TO_LEAVE_OUT, Change, Recheck, recheck
+from drake_stiffness.diagnosis.search import what_may_be
 from drake_stiffness.diagnosis.signatures import extended
 from drake_stiffness.effects.instruments import TrackerFrame
 from drake_stiffness.errors import InputError

@@ -15,7 +15,7 @@ from drake_stiffness.diagnosis.bench import Named
 from drake_stiffness.diagnosis.confirmation import HeldOut, held_out
 from drake_stiffness.diagnosis.doubts import doubtful_names, own_rest, stand_ins, standing, wrong_forms
 from drake_stiffness.diagnosis.generic import Process, fit_process
-from drake_stiffness.diagnosis.search import Search, names_of, search, weighed
+from drake_stiffness.diagnosis.search import Search, names_of, search, weighed, what_may_be
 from drake_stiffness.errors import UntrustworthyError
 from drake_stiffness.observation import Observations
 
@@ -126,7 +126,7 @@ def borne_out(first: Stands, before: HeldOut, o_held: Observations, noise_ratio:
     doubtful = doubtful_names(now.search, before, held_out(now.search.solution, o_held, noise_ratio)[0], noise_ratio)
     lost = (*now.lost, *_among(now.search.named, doubtful))
     now = _without(now, doubtful)
-    possible = names_of(now.search.named) | {t.suspect.name for n in now.search.named for t in n.confounded}
+    possible = what_may_be(now.search.named)
     refuted = {a.name: a.why for a in gone if a.name not in possible}
     sure = tuple(a.named for a in gone if a.named.tested.p_value < _NO_CHANCE * a.named.level)
     if sure and not (searches and _covers(now.search, first.search, sure)):
@@ -154,7 +154,7 @@ def speaks_against(
     Parameters
     ----------
     first_choices : names, optional
-        All others must make unseen postures better; by default none.
+        All others are second choices and must make unseen postures better; by default there are none.
     """
     worst, most = None, 0.0
     own = held_out(found.solution, o_held, noise_ratio)[0].surprise

@@ -180,6 +180,11 @@ def may_join(t: Tested, named: Sequence[Named], first: Round | None, last: Round
     return True
 
 
+def what_may_be(named: Sequence[Named]) -> set[str]:
+    """Names and all that their classes hold: none of it is ruled out."""
+    return {t.suspect.name for n in named for t in (n.tested, *n.confounded)}
+
+
 def names_of(named: Sequence[Named]) -> set[str]:
     """What is named, without what cannot be told from it."""
     return {n.tested.suspect.name for n in named}

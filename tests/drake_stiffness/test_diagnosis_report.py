@@ -185,6 +185,20 @@ def test_outliers_a_class_a_withdrawn_name_and_false_noise_are_called_out(found)
     assert "&lt;b&gt; at joint_1" in page
 
 
+def test_a_refuted_name_is_told_apart_from_one_whose_form_is_wrong(found):
+    """Held-out readings that refused a name say a little too much for the next one, and the page says so."""
+    name, limits = "joint_backlash at joint_2", found.document["not_detectable_above"]
+    assert name in {f"{x['kind']} at {x['where']}" for x in limits}
+    wrong = with_changes(found, withdrawn={name: "its form does not fit"})
+    refuted = with_changes(found, withdrawn={name: "it is refuted"}, refuted=frozenset({name}))
+    for one, last, second in ((wrong, "no kind of the catalogue describes", False), (refuted, "fits as well", True)):
+        text = text_of(diagnosis_report(one))
+        assert last in text
+        assert ("they refused another name before" in text) == second
+        assert name not in {f"{x['kind']} at {x['where']}" for x in one.document["not_detectable_above"]}
+    assert "refused another name" not in text_of(diagnosis_report(found))
+
+
 def test_the_answer_names_the_effect_with_its_value_in_units_people_read(found):
     assert "joint hysteresis at joint_3 (amplitude = 0.0529" in answer(found)
     assert "mrad" in answer(found)

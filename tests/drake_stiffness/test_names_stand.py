@@ -10,7 +10,7 @@ from hidden_campaigns import draw, run, table, with_physics, write
 from plants.gear_mesh import Backlash
 from rich.console import Console
 
-from drake_stiffness.diagnosis import refutation, suspects
+from drake_stiffness.diagnosis import diagnosis, refutation, suspects
 from drake_stiffness.diagnosis.bench import Bench, Named
 from drake_stiffness.diagnosis.confirmation import held_out
 from drake_stiffness.diagnosis.diagnosis import diagnose
@@ -84,6 +84,14 @@ def test_the_best_of_a_class_leads_it_and_is_in_the_model(tmp_path, played):
         t for t in (*better.last.passed, *better.last.failed) if t.suspect.name == "joint_hysteresis at joint_1"
     ]
     assert len(friction) == 1, "it is held against the model that now has the play"
+
+
+def test_who_is_barred_does_not_lead_a_class_and_stays_in_it(tmp_path, played):
+    friction = "joint_hysteresis at joint_1"
+    found = named_so(read_task(write(tmp_path, table(played, 1))), np.ones(12, dtype=bool), friction)
+    (n,) = weighed(found, (), frozenset({PLAY})).named
+    assert n.tested.suspect.name != PLAY
+    assert PLAY in {t.suspect.name for t in n.confounded}
 
 
 def test_a_name_that_unseen_readings_speak_against_goes_alone(tmp_path, plan, played):
@@ -252,6 +260,7 @@ def test_where_a_form_does_not_fit_no_other_name_is_sought(trial, monkeypatch):
     stands = trial.of(monkeypatch, [trial.wrong], withdrawn=["joint_coupling at joint_1+joint_2"])
     assert names(stands) == []
     assert trial.asked == []
+    assert stands.search.solution is stands.search.bench.fit([]), "refitted without it"
 
 
 def test_the_search_starts_anew_five_times_at_most(trial, monkeypatch):
@@ -266,3 +275,23 @@ def test_play_is_found_behind_a_wrong_name_by_the_search_itself(trial):
     stands = borne_out(first, held_out(found.bench.base, o)[0], o, 1.0)
     assert names(stands) == [PLAY]
     assert not any(trial.wrong == t.suspect.name for n in stands.search.named for t in n.confounded)
+
+
+@pytest.mark.parametrize("anew", [True, False])
+def test_what_sticks_out_of_held_out_readings_is_looked_for_again_after_a_search_anew(
+    tmp_path, played, monkeypatch, anew
+):
+    """Held-out experiments that show the play most stick out of a model without it, and not out of the one that was found anew."""
+    held = ["E02", "E04", "E07"]
+    task = read_task(write(tmp_path, table(played, 1), hold_out={"experiments": held}))
+    unseen = np.isin(task.measurements.experiments, held)
+    right, first = named_so(task, ~unseen, PLAY), named_so(task, ~unseen)
+
+    def found_anew(stands, before, o_held, ratio):
+        return replace(stands, search=right, anew=anew)
+
+    monkeypatch.setattr(diagnosis, "weighed", lambda found, known: first)
+    monkeypatch.setattr(diagnosis, "borne_out", found_anew)
+    d = diagnose(task, lambda text: None)
+    told = [x.name for x in d.outliers] + [name for name in d.withdrawn if name.startswith("outliers")]
+    assert (told == []) == anew

@@ -1,6 +1,7 @@
 """Forms that the catalogue lacks: they take names away that stand in for them, and only those."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -11,11 +12,11 @@ from plants.friction import DahlFriction
 
 from drake_stiffness.diagnosis.diagnosis import diagnose
 from drake_stiffness.diagnosis.document import diagnosis_document
-from drake_stiffness.diagnosis.doubts import pull_like
+from drake_stiffness.diagnosis.doubts import _against, pull_like
 from drake_stiffness.diagnosis.evidence import basis_of
 from drake_stiffness.diagnosis.naming import remaining
 from drake_stiffness.diagnosis.signatures import Scene, signature
-from drake_stiffness.diagnosis.strangers import crept, likeness, score, strangers
+from drake_stiffness.diagnosis.strangers import Stranger, crept, likeness, score, strangers
 from drake_stiffness.diagnosis.words import limits_in_words
 from drake_stiffness.effects import effect_kinds, harmonics
 from drake_stiffness.effects.catalogue import make_effect
@@ -111,6 +112,25 @@ def test_a_spring_between_two_links_turns_their_joint_once_a_turn():
 )
 def test_an_error_of_one_period_a_turn_is_named_with_what_else_would_do_so(settings, words):
     assert pull_like(make_effect("joint_periodic_error", "joint_5", settings)) == words
+
+
+@pytest.mark.parametrize(
+    ("others", "speaks"),
+    [
+        ([], True),
+        ([make_effect("joint_periodic_error", "joint_5", {"harmonic": 2.0})], True),
+        ([make_effect("joint_zero_offset", "joint_5", {})], True),
+        ([make_effect("joint_compliance", "joint_5", {})], False),
+        ([make_effect("payload", "tool", {})], False),
+    ],
+)
+def test_a_hose_speaks_against_what_carries_no_load_and_against_nothing_that_may_be_a_spring_or_a_weight(
+    others, speaks
+):
+    tested = [SimpleNamespace(effect=e) for e in (make_effect("link_geometry", "joint_4", {}), *others)]
+    hose, other = Stranger("a hose", (), like_weight=True), Stranger("creep", ())
+    named = [SimpleNamespace(tested=tested[0], confounded=tested[1:])]
+    assert _against([hose, other], named) == ([hose, other] if speaks else [other])
 
 
 def test_a_kelvin_element_follows_with_its_time(tmp_path, plan):
